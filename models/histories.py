@@ -1,0 +1,256 @@
+"""Distinct histories as one prefix tree: the form in which every likelihood is evaluated.
+
+People with the same (action, response) history are exchangeable, so the likelihood needs only the distinct
+histories and their counts. Histories that begin alike share their forward recursion, and because counts enter
+linearly the backward recursion can be summed over everything that follows a common beginning. Both are exact
+and come for free with a prefix tree: node 0 stands before the first event, every other node is one event
+after its parent, and `ends` counts the runs whose last event it is.
+
+Nodes are numbered breadth first with siblings sorted by (action, response), so the tree, and every
+floating-point sum over it, does not depend on the order of the people in the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import kernel
+from models.errors import located
+
+UNSEEN = -1
+"""Response code of an event at which no response was seen (silent mode, or a missing record)."""
+
+
+class TreeArrays(NamedTuple):
+    """The arrays a kernel needs; `nodes` counts the root.
+
+    Attributes
+    ----------
+    first_child : int64[nodes]
+        Children of node n are ``first_child[n] : first_child[n] + n_children[n]``.
+    n_children : int64[nodes]
+    action : int64[nodes]
+        Action index of the event, -1 at the root.
+    response : int64[nodes]
+        Response index, `UNSEEN` where none was seen.
+    ends : float64[nodes]
+        How many runs end with this event (any non-negative weight).
+    """
+
+    first_child: NDArray[np.int64]
+    n_children: NDArray[np.int64]
+    action: NDArray[np.int64]
+    response: NDArray[np.int64]
+    ends: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HistoryTree:
+    """Prefix tree of the runs of an event log.
+
+    Attributes
+    ----------
+    arrays : TreeArrays
+    parent : int64[nodes]
+    run_node : int64[runs]
+        The node at which each run ends.
+    n_actions, n_responses : int
+    """
+
+    arrays: TreeArrays
+    parent: NDArray[np.int64]
+    run_node: NDArray[np.int64]
+    n_actions: int
+    n_responses: int
+
+    @classmethod
+    def build(
+        cls,
+        offsets: NDArray[np.int64],
+        action: NDArray[np.int8],
+        response: NDArray[np.int8],
+        n_actions: int,
+        n_responses: int,
+    ) -> HistoryTree:
+        """Compress coded runs.
+
+        Parameters
+        ----------
+        offsets : int64[runs + 1]
+            Events of run i are ``offsets[i] : offsets[i + 1]``; no run is empty.
+        action, response : int8[events]
+            Codes; `UNSEEN` where no response was seen.
+        n_actions, n_responses : int
+
+        Raises
+        ------
+        InputError
+            If a code is out of range or a run is empty.
+        """
+        if len(offsets) < 2:
+            raise located("event log, runs", 0, "at least one run of events")
+        lengths_positive = bool(np.all(offsets[1:] > offsets[:-1]))
+        if not lengths_positive:
+            raise located("event log, run lengths", 0, "at least one event in every run")
+        for name, codes, low, high in (
+            ("action", action, 0, n_actions - 1), ("response", response, UNSEEN, n_responses - 1),
+        ):  # fmt: skip
+            if codes.min() < low or codes.max() > high:
+                bad = codes[(codes < low) | (codes > high)][0]
+                raise located(f"event log, {name} code", int(bad), f"{low}..{high}")
+        parent, symbol, run_node = _grow(offsets, action, response, n_responses + 1)
+        first_child, n_children, parent, symbol, rank = _renumber(parent, symbol)
+        run_node = rank[run_node]
+        ends = np.bincount(run_node, minlength=len(parent)).astype(np.float64)
+        arrays = TreeArrays(
+            first_child,
+            n_children,
+            np.where(symbol < 0, -1, symbol // (n_responses + 1)),
+            np.where(symbol < 0, UNSEEN, symbol % (n_responses + 1) - 1),
+            ends,
+        )
+        return cls(arrays, parent, run_node, n_actions, n_responses)
+
+    def with_counts(self, ends: NDArray[np.float64]) -> HistoryTree:
+        """Same tree, other weights: a bootstrap sample, a fold, a reweighting.
+
+        `ends` has one entry a node and must be zero where no run ends.
+        """
+        if ends.shape != self.arrays.ends.shape:
+            raise located("counts, shape", ends.shape, str(self.arrays.ends.shape))
+        return replace(self, arrays=self.arrays._replace(ends=np.ascontiguousarray(ends, dtype=np.float64)))
+
+    def with_runs(self, run_weight: NDArray[np.float64]) -> HistoryTree:
+        """Reweight by run: `run_weight` has one non-negative entry a run of the log."""
+        if run_weight.shape != self.run_node.shape:
+            raise located("run weights, shape", run_weight.shape, str(self.run_node.shape))
+        ends = np.bincount(self.run_node, weights=run_weight, minlength=self.n_nodes)
+        return self.with_counts(ends)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes, the root included."""
+        return len(self.parent)
+
+    @property
+    def n_runs(self) -> int:
+        """Number of runs compressed."""
+        return len(self.run_node)
+
+    @cached_property
+    def terminals(self) -> NDArray[np.int64]:
+        """Nodes at which at least one run ends: the distinct histories."""
+        return np.unique(self.run_node)
+
+    @property
+    def n_histories(self) -> int:
+        """Number of distinct histories."""
+        return len(self.terminals)
+
+    @cached_property
+    def depth(self) -> NDArray[np.int64]:
+        """Events up to and including each node (0 at the root)."""
+        return _depths(self.parent)
+
+    def path(self, node: int) -> NDArray[np.int64]:
+        """Nodes from the first event to `node`."""
+        path = np.empty(self.depth[node], dtype=np.int64)
+        for i in range(len(path) - 1, -1, -1):
+            path[i] = node
+            node = int(self.parent[node])
+        return path
+
+
+@kernel
+def _grow(offsets, action, response, n_symbols):  # type: ignore[no-untyped-def]
+    """Insert every run into a first-child/next-sibling tree, in file order."""
+    capacity = 1024
+    parent = np.empty(capacity, np.int64)
+    symbol = np.empty(capacity, np.int64)
+    child = np.empty(capacity, np.int64)
+    sibling = np.empty(capacity, np.int64)
+    parent[0], symbol[0], child[0], sibling[0] = -1, -1, -1, -1
+    nodes = 1
+    runs = len(offsets) - 1
+    run_node = np.empty(runs, np.int64)
+    for run in range(runs):
+        node = 0
+        for event in range(offsets[run], offsets[run + 1]):
+            code = np.int64(action[event]) * n_symbols + np.int64(response[event]) + 1
+            found = child[node]
+            while found >= 0 and symbol[found] != code:
+                found = sibling[found]
+            if found < 0:
+                if nodes == capacity:
+                    capacity *= 2
+                    parent = _longer(parent, capacity)
+                    symbol = _longer(symbol, capacity)
+                    child = _longer(child, capacity)
+                    sibling = _longer(sibling, capacity)
+                found = nodes
+                nodes += 1
+                parent[found], symbol[found], child[found] = node, code, -1
+                sibling[found] = child[node]
+                child[node] = found
+            node = found
+        run_node[run] = node
+    return parent[:nodes].copy(), symbol[:nodes].copy(), run_node
+
+
+@kernel
+def _longer(array, capacity):  # type: ignore[no-untyped-def]
+    out = np.empty(capacity, array.dtype)
+    out[: len(array)] = array
+    return out
+
+
+@kernel
+def _renumber(parent, symbol):  # type: ignore[no-untyped-def]
+    """Breadth-first numbering with siblings in order of their symbol; `rank` maps old to new numbers."""
+    nodes = len(parent)
+    degree = np.zeros(nodes + 1, np.int64)
+    for node in range(1, nodes):
+        degree[parent[node] + 1] += 1
+    start = np.cumsum(degree)
+    fill = start.copy()
+    children = np.empty(nodes, np.int64)
+    for node in range(1, nodes):
+        above = parent[node]
+        # Insertion sort among siblings: there are at most as many as symbols.
+        place = fill[above]
+        while place > start[above] and symbol[children[place - 1]] > symbol[node]:
+            children[place] = children[place - 1]
+            place -= 1
+        children[place] = node
+        fill[above] += 1
+    rank = np.empty(nodes, np.int64)
+    order = np.empty(nodes, np.int64)
+    first_child = np.empty(nodes, np.int64)
+    n_children = np.empty(nodes, np.int64)
+    new_parent = np.empty(nodes, np.int64)
+    new_symbol = np.empty(nodes, np.int64)
+    order[0], rank[0], new_parent[0], new_symbol[0] = 0, 0, -1, -1
+    tail = 1
+    for position in range(nodes):
+        old = order[position]
+        first_child[position] = tail
+        n_children[position] = start[old + 1] - start[old]
+        for i in range(start[old], start[old + 1]):
+            node = children[i]
+            order[tail], rank[node] = node, tail
+            new_parent[tail], new_symbol[tail] = position, symbol[node]
+            tail += 1
+    return first_child, n_children, new_parent, new_symbol, rank
+
+
+@kernel
+def _depths(parent):  # type: ignore[no-untyped-def]
+    depth = np.zeros(len(parent), np.int64)
+    for node in range(1, len(parent)):
+        depth[node] = depth[parent[node]] + 1
+    return depth

@@ -1,0 +1,72 @@
+r"""What a round is worth: :math:`R(s, a) = -C_a + \exp(r x_s) - \exp(r x_0)` in reward units.
+
+The published unit is such that one act of helping costs 15.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import located
+from models.protocol import Protocol
+
+PUBLISHED_X = (45.0, 48.0, 56.0, 67.0)
+PUBLISHED_R = 0.06
+
+
+def default_x(n_states: int) -> tuple[float, ...]:
+    """Team tokens a round by state: the published values for four states, evenly spread 45..67 otherwise.
+
+    Values of plans made with different numbers of states are in different currencies.
+    """
+    if n_states == len(PUBLISHED_X):
+        return PUBLISHED_X
+    return tuple(float(v) for v in np.linspace(PUBLISHED_X[0], PUBLISHED_X[-1], n_states))
+
+
+@dataclass(frozen=True)
+class Reward:
+    """The paper's reward.
+
+    Attributes
+    ----------
+    x : tuple of float
+        Prosocial score of each state, tokens a round.
+    r : float
+        Steepness, per token (published: 0.06).
+    costs : mapping of str to float
+        Cost of actions by name, in reward units; actions not named cost what the protocol says.
+    """
+
+    x: tuple[float, ...]
+    r: float = PUBLISHED_R
+    costs: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite(self.x)) or len(self.x) == 0:
+            raise located("reward, x", self.x, "finite numbers, one a state")
+        if not np.isfinite(self.r):
+            raise located("reward, r", self.r, "a finite number")
+
+    def prosocial(self) -> NDArray[np.float64]:
+        r"""Part that depends on the state: :math:`\exp(r x_s) - \exp(r x_0)`, shape ``[s]``."""
+        x = np.asarray(self.x)
+        return np.exp(self.r * x) - np.exp(self.r * x[0])
+
+    def table(self, protocol: Protocol) -> NDArray[np.float64]:
+        """Reward of every action in every state, shape ``[a, s]``.
+
+        Examples
+        --------
+        >>> from models.protocol import PUBLISHED
+        >>> Reward(default_x(4)).table(PUBLISHED).round(1)[1]
+        array([-15. , -12.1,  -1. ,  25.8])
+        """
+        for name in self.costs:
+            protocol.action(name)
+        cost = np.array([self.costs.get(a, protocol.costs[a]) for a in protocol.action_names])
+        return self.prosocial()[None, :] - cost[:, None]

@@ -1,0 +1,420 @@
+"""Baum-Welch for the latent-state POMDP: restarts in two stages, honest convergence, one canonical result.
+
+Plain Baum-Welch does not converge in the usual number of iterations on this kind of data, and its best optimum
+is found by few restarts. So many short accelerated runs screen the starting points and the best of them are run
+until the gain has stayed below the tolerance. `BaumWelch.paper` is the published procedure instead.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models import forward_backward
+from models.em_kernel import em
+from models.errors import located
+from models.events import EventLog
+from models.histories import HistoryTree
+from models.labels import canonical_order, permute
+from models.lspomdp import LatentStatePOMDP
+from models.model_draws import ModelDraws
+from models.parameters import Array, DirichletPrior, Layout, checked_pins, recorded
+from models.simulation import simulate_responses
+
+Progress = Callable[[int, int], None]
+"""Called with (done, total) from one thread as restarts finish."""
+
+SAME_OPTIMUM = 0.01
+"""Log-likelihoods closer than this count as one optimum in the histogram."""
+
+SCREENING, FINAL = 0, 1
+"""Stages, also the first element of a restart's stream key."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """One bar of the optima histogram: restarts that ended within `SAME_OPTIMUM` of each other."""
+
+    log_likelihood: float
+    restarts: int
+    converged: int
+
+
+@dataclass(frozen=True)
+class BaumWelch:
+    """Settings of a fit; `fit` runs it.
+
+    Attributes
+    ----------
+    n_states : int
+    restarts : int
+        Random starting points: T and O rows from Dirichlet(1), uniform initial belief.
+    finalists : int or None
+        How many of them go on to convergence; None runs every one (a single stage).
+    screening_maps : int
+        EM maps spent on each starting point before the finalists are chosen.
+    max_maps : int
+        Cap on EM maps in the final stage; reaching it is reported as not converged.
+    tolerance : float
+        Gain in log-likelihood (nats, plus log-prior) counted as none.
+    patience : int
+        Accepted iterates in a row without gain that end a run.
+    accelerate : bool
+        SQUAREM extrapolation with a monotone guard.
+    pins : mapping of action to table or None
+        Transition tables held fixed; None stands for the identity.
+    prior : DirichletPrior
+        Pseudo-counts; the default is maximum likelihood.
+    seed : int
+    """
+
+    n_states: int
+    restarts: int = 200
+    finalists: int | None = 30
+    screening_maps: int = 100
+    max_maps: int = 20_000
+    tolerance: float = 1e-8
+    patience: int = 10
+    accelerate: bool = True
+    pins: Mapping[str, Array | None] = field(default_factory=dict)
+    prior: DirichletPrior = field(default_factory=DirichletPrior)
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        for name, low in (
+            ("n_states", 1), ("restarts", 1), ("screening_maps", 0), ("max_maps", 1), ("patience", 1), ("seed", 0),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
+                raise located(f"Baum-Welch, {name}", value, f"an integer of at least {low}")
+        if self.finalists is not None and self.finalists < 1:
+            raise located("Baum-Welch, finalists", self.finalists, "at least 1, or None for a single stage")
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise located("Baum-Welch, tolerance", self.tolerance, "a number of at least 0")
+
+    @classmethod
+    def paper(cls, n_states: int, *, pins: Mapping[str, Array | None] | None = None, seed: int = 1) -> BaumWelch:
+        """The published procedure: plain EM, one stage of 30 restarts.
+
+        T and O are drawn from Dirichlet(1), the initial belief starts uniform and is learned. The paper prints
+        neither tolerance nor cap: the conventional 1e-5 and 1,000 iterations are used here.
+        """
+        return cls(
+            n_states, restarts=30, finalists=None, screening_maps=0, max_maps=1000, tolerance=1e-5, patience=1,
+            accelerate=False, pins=pins or {}, seed=seed,
+        )  # fmt: skip
+
+    def fit(
+        self, log: EventLog, *, progress: Progress | None = None, executor: Executor | None = None
+    ) -> BaumWelchFit:
+        """Learn from an event log.
+
+        Parameters
+        ----------
+        log : EventLog
+        progress : callable, optional
+            Called with (finished, total) restarts.
+        executor : concurrent.futures.Executor, optional
+            Runs the restarts; threads on all cores by default. The result does not depend on it.
+
+        Raises
+        ------
+        InputError
+            If the log has no recorded response, or a pinned table does not fit.
+        """
+        recorded(log)
+        layout = Layout(log.protocol, self.n_states)
+        pins = checked_pins(layout, self.pins)
+        problem = _Problem(log.tree(), layout, self.prior.pseudo_counts(layout), layout.free_entries(pins))
+        informed = layout.informed_entries(log)
+        starts = [self._start(layout, pins, informed, i) for i in range(self.restarts)]
+        own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
+        pool = executor or own
+        assert pool is not None
+        finalists = self.restarts if self.finalists is None else min(self.finalists, self.restarts)
+        screened: list[_Run] = []
+        total = (self.restarts if self.finalists is not None else 0) + finalists
+        done = 0
+
+        def collect(thetas: list[Array], cap: int, tolerance: float, patience: int) -> list[_Run]:
+            nonlocal done
+            runs = []
+            settings = (cap, tolerance, patience, self.accelerate)
+            for run in pool.map(_run, [problem] * len(thetas), thetas, [settings] * len(thetas)):
+                runs.append(run)
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+            return runs
+
+        try:
+            if self.finalists is not None:
+                screened = collect(starts, self.screening_maps, 0.0, self.screening_maps + 1)
+                ranking = np.argsort([-run.objective for run in screened], kind="stable")[:finalists]
+                starts = [screened[i].theta for i in ranking]
+            runs = collect(starts, self.max_maps, self.tolerance, self.patience)
+        except BaseException:
+            if own is not None:
+                own.shutdown(wait=False, cancel_futures=True)
+            raise
+        if own is not None:
+            own.shutdown()
+        best = max(range(len(runs)), key=lambda i: runs[i].objective)
+        return _result(self, log, layout, pins, runs, best, [run.log_likelihood for run in screened])
+
+    def _start(self, layout: Layout, pins: Mapping[str, Array], informed: NDArray[np.bool_], restart: int) -> Array:
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(self.n_states, restart)))
+        s, a, e, o = layout.sizes
+        transition = rng.dirichlet(np.ones(s), (a, s))
+        emission = rng.dirichlet(np.ones(o), (e, s))
+        for action, table in pins.items():
+            transition[layout.protocol.action(action)] = table
+        theta = layout.pack(np.full(s, 1.0 / s), transition, emission)
+        # A table the data cannot inform stays uniform: a random one would pass for an estimate.
+        return np.where(informed | ~layout.free_entries(pins), theta, layout.uniform)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    tree: HistoryTree
+    layout: Layout
+    pseudo: Array
+    free: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Run:
+    theta: Array
+    trace: Array
+    log_likelihood: float
+    gradient: Array
+    maps: int
+    converged: bool
+
+    @property
+    def objective(self) -> float:
+        return float(self.trace[-1])
+
+
+def _run(problem: _Problem, theta: Array, settings: tuple[int, float, int, bool]) -> _Run:
+    return _Run(
+        *em(
+            theta, problem.tree.arrays, problem.layout.sizes, problem.layout.emission_index, problem.pseudo,
+            problem.free, *settings,
+        )
+    )  # fmt: skip
+
+
+def refine(
+    log: EventLog, theta: Array, layout: Layout, free: NDArray[np.bool_], settings: BaumWelch
+) -> tuple[Array, float]:
+    """Run one starting point to convergence; returns theta and its log-likelihood (used by the bootstrap)."""
+    problem = _Problem(log.tree(), layout, settings.prior.pseudo_counts(layout), free)
+    run = _run(problem, theta, (settings.max_maps, settings.tolerance, settings.patience, settings.accelerate))
+    return run.theta, run.log_likelihood
+
+
+def _result(
+    settings: BaumWelch, log: EventLog, layout: Layout, pins: Mapping[str, Array], runs: list[_Run], best: int,
+    screened: list[float],
+) -> BaumWelchFit:  # fmt: skip
+    run = runs[best]
+    tables = layout.unpack(run.theta)
+    counts = layout.unpack(run.theta * run.gradient)
+    order = canonical_order(tables[2], log.protocol.scores, log.emission_weights)
+    initial, transition, emission = (_on_simplex(table) for table in permute(order, *tables))
+    model = LatentStatePOMDP(initial, transition, emission, log.protocol)
+    ordered_pins = {a: table[np.ix_(order, order)] for a, table in pins.items()}
+    expected = permute(order, *counts)
+    rows = layout.informed_rows(log)
+    free_rows = np.array([layout.free_entries(pins)[row.start] for row in layout.rows])
+    widths = np.array([row.stop - row.start for row in layout.rows])
+    slack = [
+        run.gradient[row].max() - float(run.theta[row] @ run.gradient[row])
+        for row, used in zip(layout.rows, rows & free_rows, strict=True)
+        if used
+    ]
+    values = sorted((r.log_likelihood, r.converged) for r in runs)[::-1]
+    optima: list[list[tuple[float, bool]]] = []
+    for value in values:
+        if optima and optima[-1][0][0] - value[0] <= SAME_OPTIMUM:
+            optima[-1].append(value)
+        else:
+            optima.append([value])
+    return BaumWelchFit(
+        model=model,
+        log_likelihood=run.log_likelihood,
+        trace=run.trace,
+        converged=run.converged,
+        maps=run.maps,
+        optima=tuple(Optimum(group[0][0], len(group), sum(c for _, c in group)) for group in optima),
+        screened=np.array(screened),
+        n_parameters=int(np.sum((widths - 1) * (rows & free_rows))),
+        n_responses=log.n_responses_recorded,
+        n_runs=log.n_runs,
+        initial_count=expected[0],
+        transition_count=expected[1],
+        emission_count=expected[2],
+        stationarity=max(slack, default=0.0),
+        emission_weights=log.emission_weights,
+        pins=ordered_pins,
+        settings=settings,
+    )
+
+
+def _on_simplex(table: Array) -> Array:
+    """Remove the rounding of thousands of maps, so rows sum to one to the last bit or two."""
+    return table / table.sum(axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class BaumWelchFit:
+    """The best optimum found, in canonical state order, and how it was found.
+
+    Attributes
+    ----------
+    model : LatentStatePOMDP
+    log_likelihood : float
+        Natural log, summed over runs.
+    trace : float64[iterates]
+        Objective (log-likelihood plus log-prior) of the winning run's final stage; never decreases.
+    converged : bool
+        False if the cap on EM maps was reached before the gain stayed below the tolerance.
+    maps : int
+        EM maps computed by the winning run's final stage.
+    optima : tuple of Optimum
+        Histogram of where the runs of the final stage ended, best first.
+    screened : float64[restarts]
+        Log-likelihoods after the screening stage (empty for a single stage).
+    n_parameters : int
+        Free parameters of the tables the data can inform; pinned and unused tables are not counted.
+    n_responses : int
+        Recorded responses: the sample size in `bic`.
+    n_runs : int
+    initial_count, transition_count, emission_count : arrays
+        Expected counts at the optimum, in the shapes of the tables.
+    stationarity : float
+        Largest ``max_i g_i - p . g`` over free rows: zero at a stationary point of the likelihood.
+    emission_weights : float64[e]
+        Weights of the canonical order (recorded responses under each action).
+    pins : mapping
+        Transition tables that were held fixed, in canonical state order.
+    settings : BaumWelch
+    """
+
+    model: LatentStatePOMDP
+    log_likelihood: float
+    trace: Array
+    converged: bool
+    maps: int
+    optima: tuple[Optimum, ...]
+    screened: Array
+    n_parameters: int
+    n_responses: int
+    n_runs: int
+    initial_count: Array
+    transition_count: Array
+    emission_count: Array
+    stationarity: float
+    emission_weights: Array
+    pins: Mapping[str, Array]
+    settings: BaumWelch
+
+    @property
+    def n_states(self) -> int:
+        """Number of latent states."""
+        return self.model.n_states
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion, ``2 n_parameters - 2 log_likelihood``."""
+        return 2.0 * self.n_parameters - 2.0 * self.log_likelihood
+
+    @property
+    def bic(self) -> float:
+        """Bayesian criterion, ``log(n_responses) n_parameters - 2 log_likelihood``: log of *recorded responses*."""
+        return float(np.log(self.n_responses)) * self.n_parameters - 2.0 * self.log_likelihood
+
+    @property
+    def runs_in_final_stage(self) -> int:
+        """Restarts that were run to convergence or to the cap."""
+        return sum(o.restarts for o in self.optima)
+
+    @property
+    def gap_to_second(self) -> float:
+        """Log-likelihood between the best optimum and the next one found; NaN if all runs agree."""
+        if len(self.optima) < 2:
+            return float("nan")
+        return self.optima[0].log_likelihood - self.optima[1].log_likelihood
+
+    @property
+    def is_paper_procedure(self) -> bool:
+        """Whether the settings are those of `BaumWelch.paper`."""
+        own = self.settings
+        return replace(own, pins={}) == BaumWelch.paper(own.n_states, seed=own.seed)
+
+    @property
+    def sentence(self) -> str:
+        """What was found and how far to trust the search, in one sentence."""
+        best = self.optima[0]
+        state = "converged" if self.converged else f"did NOT converge within {self.settings.max_maps} EM maps"
+        text = (
+            f"{self.n_states} states: log-likelihood {self.log_likelihood:.2f}, {state}; "
+            f"{best.restarts} of {self.runs_in_final_stage} final runs ended at this optimum"
+        )
+        if len(self.optima) > 1:
+            text += f", the next lies {self.gap_to_second:.2f} below"
+        return text + "."
+
+    @cached_property
+    def _tables(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+        m = self.model
+        return m.initial, m.transition, m.emission, m.emission_index
+
+    def score(self, log: EventLog) -> float:
+        """Log-likelihood of a log under the fitted model."""
+        tree = log.tree()
+        return float(
+            tree.arrays.ends[tree.terminals] @ forward_backward.history_log_likelihoods(tree, *self._tables)
+        )
+
+    def run_log_likelihoods(self, log: EventLog) -> Array:
+        """Log-likelihood of each run of a log; shape ``[runs]``."""
+        tree = log.tree()
+        values = forward_backward.history_log_likelihoods(tree, *self._tables)
+        return values[np.searchsorted(tree.terminals, tree.run_node)]
+
+    def predict_proba(self, log: EventLog) -> Array:
+        """Smoothed state probabilities of every event of a log; shape ``[events, s]``."""
+        tree = log.tree()
+        smoothed = forward_backward.smooth(tree, *self._tables)
+        return smoothed.probability[_event_rows(log, tree, smoothed.offsets)]
+
+    def decode(self, log: EventLog) -> tuple[float, NDArray[np.int64]]:
+        """Most probable state path: its joint log-probability summed over runs, and the state of every event."""
+        tree = log.tree()
+        decoded = forward_backward.decode(tree, *self._tables)
+        history = np.searchsorted(tree.terminals, tree.run_node)
+        path = decoded.state[_event_rows(log, tree, decoded.offsets)]
+        return float(decoded.log_probability[history].sum()), path
+
+    def sample(self, design: EventLog, rng: np.random.Generator) -> tuple[EventLog, NDArray[np.int8]]:
+        """Draw responses and states under the actions of a log (`models.simulation`)."""
+        return simulate_responses(self.model, design, rng)
+
+    def draws(self) -> ModelDraws:
+        """The fit as a single draw, for everything that consumes `ModelDraws`."""
+        provenance = {"learner": "Baum-Welch", "seed": self.settings.seed, "log_likelihood": self.log_likelihood}
+        return ModelDraws.from_models([self.model], provenance=provenance)
+
+
+def _event_rows(log: EventLog, tree: HistoryTree, offsets: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of each event of the log among the rows of its distinct history."""
+    history = np.searchsorted(tree.terminals, tree.run_node)
+    return np.repeat(offsets[history], np.diff(log.offsets)) + log.k

@@ -1,0 +1,163 @@
+"""The layout of a model's parameters as one vector, and which of them are free.
+
+``theta = [initial[s], transition[a, s, s'], emission[e, s, o]]``, flattened in that order: a list of probability
+rows. Learning, standard errors and identification all speak this layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import located
+from models.events import EventLog
+from models.histories import UNSEEN
+from models.lspomdp import check_rows
+from models.protocol import Protocol
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Shapes and names of the parameter vector for a protocol and a number of states."""
+
+    protocol: Protocol
+    n_states: int
+
+    @cached_property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """States, actions, emission tables, responses: what the compiled loop wants."""
+        p = self.protocol
+        return self.n_states, p.n_actions, len(p.emission_actions), p.n_responses
+
+    @property
+    def n_transition_rows(self) -> int:
+        """Number of rows of all transition tables."""
+        return self.protocol.n_actions * self.n_states
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """Slice of every probability row: initial, then transition rows, then emission rows."""
+        s, _, e, o = self.sizes
+        widths = [s] * (1 + self.n_transition_rows) + [o] * (e * s)
+        ends = np.cumsum(widths)
+        return [slice(int(b - w), int(b)) for w, b in zip(widths, ends, strict=True)]
+
+    @cached_property
+    def emission_index(self) -> NDArray[np.int64]:
+        """Emission table of each action, -1 for silent modes."""
+        return np.asarray(self.protocol.emission_index, dtype=np.int64)
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return self.rows[-1].stop
+
+    def pack(self, initial: Array, transition: Array, emission: Array) -> Array:
+        """Tables to vector."""
+        return np.concatenate([initial.ravel(), transition.ravel(), emission.ravel()])
+
+    def unpack(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Vector to (views of) tables."""
+        s, a, e, o = self.sizes
+        first, second = s, s + a * s * s
+        return (
+            theta[:first],
+            theta[first:second].reshape(a, s, s),
+            theta[second:].reshape(e, s, o),
+        )
+
+    def free_entries(self, pins: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """Which entries may move when the transition tables of `pins` are held."""
+        free = np.ones(self.size, dtype=bool)
+        _, transition, _ = self.unpack(free)
+        for action in pins:
+            transition[self.protocol.action(action)] = False
+        return free
+
+    def informed_rows(self, log: EventLog) -> NDArray[np.bool_]:
+        """Rows whose table the log can say anything about, by design alone.
+
+        A transition table needs the action to be followed by another event; an emission table needs a
+        recorded response under its action.
+        """
+        followed = np.ones(log.n_events, dtype=bool)
+        followed[log.offsets[1:] - 1] = False
+        by_action = np.bincount(log.action[followed], minlength=self.protocol.n_actions) > 0
+        by_emission = log.emission_weights > 0
+        return np.concatenate([[True], np.repeat(by_action, self.n_states), np.repeat(by_emission, self.n_states)])
+
+    def informed_entries(self, log: EventLog) -> NDArray[np.bool_]:
+        """`informed_rows`, entry by entry."""
+        return np.repeat(self.informed_rows(log), [row.stop - row.start for row in self.rows])
+
+    @cached_property
+    def uniform(self) -> Array:
+        """The vector in which every row is uniform."""
+        widths = np.array([row.stop - row.start for row in self.rows])
+        return np.repeat(1.0 / widths, widths)
+
+
+def checked_pins(layout: Layout, pins: Mapping[str, Array | None]) -> dict[str, Array]:
+    """Transition tables to hold fixed, by action; None means the identity.
+
+    Raises
+    ------
+    InputError
+        On an unknown action, a wrong shape or rows that are not probabilities.
+    """
+    n = layout.n_states
+    out: dict[str, Array] = {}
+    for action, table in pins.items():
+        layout.protocol.action(action)
+        array = np.eye(n) if table is None else np.asarray(table, dtype=np.float64)
+        if array.shape != (n, n):
+            raise located(f"pinned table of {action}, shape", array.shape, f"({n}, {n})")
+        check_rows("pinned", array, [(f"action {action}", f"state {s}") for s in range(n)])
+        out[action] = array
+    return out
+
+
+@dataclass(frozen=True)
+class DirichletPrior:
+    """Dirichlet parameters of the rows as pseudo-counts plus one; 1 everywhere is maximum likelihood.
+
+    Attributes
+    ----------
+    initial, emission : float
+        Symmetric parameter of each row, at least 1 (below, the posterior mode need not exist).
+    transition : float
+        Parameter of every entry of a transition row.
+    stay : float
+        Added to the diagonal of transition tables (a sticky prior).
+    """
+
+    initial: float = 1.0
+    transition: float = 1.0
+    emission: float = 1.0
+    stay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, low in (("initial", 1.0), ("transition", 1.0), ("emission", 1.0), ("stay", 0.0)):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= low):
+                raise located(f"prior, {name}", value, f"a number of at least {low:g}")
+
+    def pseudo_counts(self, layout: Layout) -> Array:
+        """Dirichlet parameters minus one in the layout's order."""
+        s, a, e, o = layout.sizes
+        transition = np.full((a, s, s), self.transition - 1.0) + self.stay * np.eye(s)
+        return layout.pack(np.full(s, self.initial - 1.0), transition, np.full((e, s, o), self.emission - 1.0))
+
+
+def recorded(log: EventLog) -> int:
+    """Recorded responses of a log, refusing logs without any."""
+    n = int(np.count_nonzero(log.response != UNSEEN))
+    if n == 0:
+        raise located(f"study {log.study!r}, recorded responses", 0, "at least one: nothing can be learned")
+    return n

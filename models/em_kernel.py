@@ -83,10 +83,13 @@ def _extrapolate(theta, one, two, out, sizes, free):  # type: ignore[no-untyped-
     for row in range(1 + actions * states + tables * states):
         width = responses if row >= 1 + actions * states else states
         total = 0.0
+        moved = False
         for i in range(start, start + width):
             total += out[i]
-        for i in range(start, start + width):
-            out[i] /= total
+            moved = moved or out[i] != theta[i]
+        if moved:  # pinned rows and rows without evidence keep every bit, even where they sum to 1 - 1e-16
+            for i in range(start, start + width):
+                out[i] /= total
         start += width
     return True
 

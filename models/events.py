@@ -11,55 +11,31 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from models.errors import InputError, located
+from models.errors import located
+from models.event_rules import (
+    COLUMNS,
+    INTEGER_COLUMNS,
+    TOKEN_COLUMNS,
+    Coded,
+    EventLogError,
+    Problem,
+    Problems,
+    check_columns,
+    label_at,
+    one_of,
+    response_labels,
+)
+from models.event_scan import scan_sorted
 from models.histories import UNSEEN, HistoryTree
-from models.protocol import MISSING, NO_RESPONSE, PUBLISHED, Protocol
+from models.protocol import PUBLISHED, Protocol
 
-COLUMNS = ("study", "participant", "condition", "sequence", "k", "mode", "action", "observation")
-TOKEN_COLUMNS = ("team_tokens", "human_tokens", "robot_tokens")
-INTEGER_COLUMNS = ("participant", "sequence", "k")
-
-
-class Problem(NamedTuple):
-    """One broken rule: line of the file (the header is line 1), column, value found, what was wanted."""
-
-    line: int
-    column: str
-    value: str
-    wanted: str
-
-    def __str__(self) -> str:
-        return f"line {self.line}, column {self.column}: found {self.value}, wanted {self.wanted}"
-
-
-class EventLogError(InputError):
-    """A log that breaks the schema's rules.
-
-    Attributes
-    ----------
-    problems : list of Problem
-        The broken rules, first lines first (at most `Problems.KEEP` a rule).
-    total : int
-        How many rows broke a rule.
-    """
-
-    def __init__(self, place: str, problems: Sequence[Problem], total: int) -> None:
-        self.problems, self.total, self.place = list(problems), total, place
-        more = "" if total <= 1 else f" ({total} problems in all; `prosocial data check` lists them)"
-        super().__init__(f"{place}, {problems[0]}{more}")
-
-
-class Coded(NamedTuple):
-    """A text column as integer codes into `labels`."""
-
-    codes: NDArray[np.integer]
-    labels: Sequence[str]
+__all__ = ["COLUMNS", "INTEGER_COLUMNS", "TOKEN_COLUMNS", "Coded", "EventLog", "EventLogError", "Problem"]
 
 
 @dataclass(frozen=True)
@@ -118,83 +94,26 @@ class EventLog:
         EventLogError
             With every broken rule (see `Problem`).
         """
-        found = Problems(place)
-        participant, sequence, k = (np.asarray(columns[c], dtype=np.int64) for c in INTEGER_COLUMNS)
-        n = len(k)
-        if n == 0:
+        if len(cast(NDArray, columns["k"])) == 0:
             raise located(place, "no events", "at least one row below the header")
-        study, condition, mode, action, response = (
-            cast(Coded, columns[c]) for c in ("study", "condition", "mode", "action", "observation")
-        )
-
-        for name, values in zip(INTEGER_COLUMNS, (participant, sequence, k), strict=True):
-            found.where(values < 0, name, values, "an integer of at least 0")
-        found.where(study.codes != study.codes[0], "study", study, f"one study a file, here {_label(study, 0)!r}")
-        found.where(_blank(condition), "condition", condition, "a condition name")
-        found.where(_blank(study), "study", study, "a study name")
-        modes = _recode(mode, protocol.mode_names)
-        actions = _recode(action, protocol.action_names)
-        responses = _recode(response, (NO_RESPONSE, MISSING, *protocol.response_names))
-        found.where(modes < 0, "mode", mode, _one_of(protocol.mode_names))
-        found.where(actions < 0, "action", action, _one_of(protocol.action_names))
-        found.where(
-            responses < 0, "observation", response,
-            _one_of((*protocol.response_names, NO_RESPONSE, MISSING)),
-        )  # fmt: skip
-        mode_of_action = np.array([*protocol.mode_of_action, -1])
-        shows = np.array([*(m.shows_response for m in protocol.modes), False])
-        known = (modes >= 0) & (actions >= 0)
-        for i, m in enumerate(protocol.modes):
-            wrong = known & (modes == i) & (mode_of_action[actions] != i)
-            allowed = _one_of([a.name for a in m.actions])
-            found.where(wrong, "action", action, f"an action of mode {m.name}: {allowed}")
-        known = (modes >= 0) & (responses >= 0)
-        silent = known & ~shows[modes] & (responses != 0)
-        found.where(silent, "observation", response, f"{NO_RESPONSE!r}, since this mode shows no response")
-        empty = known & shows[modes] & (responses == 0)
-        wanted = f"{_one_of(protocol.response_names)}, or {MISSING!r} where it was not recorded"
-        found.where(empty, "observation", response, f"{wanted}: this mode shows the response")
-        tokens = {c: np.asarray(columns[c], dtype=np.float64) for c in TOKEN_COLUMNS if c in columns}
-        for name, counts in tokens.items():
-            found.where(np.isinf(counts) | (counts < 0), name, counts, "a number of at least 0, or empty")
-
-        order = _run_order(participant, sequence, k)
-        if order is not None:
-            participant, sequence, k = participant[order], sequence[order], k[order]
-            condition = Coded(condition.codes[order], condition.labels)
-            actions, responses = actions[order], responses[order]
-            tokens = {name: values[order] for name, values in tokens.items()}
-        new_run = np.empty(n, dtype=bool)
-        new_run[0] = True
-        np.not_equal(participant[1:], participant[:-1], out=new_run[1:])
-        new_run[1:] |= sequence[1:] != sequence[:-1]
-        offsets = np.append(np.flatnonzero(new_run), n).astype(np.int64)
-        expected = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
-        off = np.flatnonzero(k != expected)
-        if len(off):
-            first = np.flatnonzero(np.append(True, np.searchsorted(offsets, off[1:], "right")
-                                             != np.searchsorted(offsets, off[:-1], "right")))  # fmt: skip
-            for i in off[first]:
-                row = i if order is None else order[i]
-                run = f"participant {participant[i]}, sequence {sequence[i]}"
-                if not new_run[i] and k[i] == k[i - 1]:
-                    wanted = f"each event once: {run} already has an event {k[i]}"
-                else:
-                    wanted = f"{expected[i]}: events of a run ({run}) are numbered 0, 1, 2, ... without gaps"
-                found.add(int(row), "k", str(k[i]), wanted)
-        same = np.repeat(condition.codes[offsets[:-1]], np.diff(offsets)) == condition.codes
-        for i in np.flatnonzero(~same)[: Problems.KEEP]:
-            row = i if order is None else order[i]
-            wanted = (
-                f"the condition of its run (participant {participant[i]}, sequence {sequence[i]}), "
-                f"{_label(condition, int(i - k[i]) if 0 <= i - k[i] < n else 0)!r}"
-            )
-            found.add(int(row), "condition", repr(_label(condition, int(i))), wanted)
-        found.raise_if_any()
-
         if protocol.n_actions > 127 or protocol.n_responses > 127:
             raise located(f"{place}, protocol", protocol.n_actions, "at most 127 actions and 127 responses")
-        run_condition = condition.codes[offsets[:-1]]
+        study, condition = cast(Coded, columns["study"]), cast(Coded, columns["condition"])
+        scanned = scan_sorted(columns, protocol)
+        if scanned is not None:
+            offsets, actions, responses = scanned
+            first = offsets[:-1]
+            participant, sequence = (np.asarray(columns[c])[first] for c in ("participant", "sequence"))
+            run_condition = condition.codes[first]
+            tokens = {c: np.asarray(columns[c], dtype=np.float64) for c in TOKEN_COLUMNS if c in columns}
+        else:
+            checked = check_columns(columns, protocol, place)
+            offsets, tokens = checked.offsets, checked.tokens
+            first = offsets[:-1]
+            participant, sequence = checked.participant[first], checked.sequence[first]
+            run_condition = checked.condition.codes[first]
+            actions = checked.action.astype(np.int8)
+            responses = np.maximum(checked.response - 2, UNSEEN).astype(np.int8)
         used = np.unique(run_condition)
         labels = [str(condition.labels[c]) for c in used]
         rank = np.argsort(np.argsort(np.array(labels, dtype=object)))
@@ -202,14 +121,14 @@ class EventLog:
         lookup[used] = rank
         return cls(
             protocol,
-            str(_label(study, 0)),
+            label_at(study, 0),
             offsets,
-            participant[offsets[:-1]],
-            sequence[offsets[:-1]],
+            participant.astype(np.int64),
+            sequence.astype(np.int64),
             lookup[run_condition],
             tuple(sorted(labels)),
-            actions.astype(np.int8),
-            np.maximum(responses - 2, UNSEEN).astype(np.int8),
+            actions,
+            responses,
             tokens,
         )
 
@@ -228,7 +147,7 @@ class EventLog:
                 columns[name] = Coded(codes.astype(np.int64), [str(v) for v in labels])
         for name in TOKEN_COLUMNS:
             if name in frame.columns:
-                columns[name] = frame[name].to_numpy(dtype=np.float64)
+                columns[name] = _numbers(frame[name], name, place)
         return cls.from_columns(columns, protocol, place)
 
     # -- sizes -------------------------------------------------------------------------------------
@@ -312,7 +231,7 @@ class EventLog:
         if conditions is not None:
             for name in conditions:
                 if name not in self.conditions:
-                    raise located("condition", name, _one_of(self.conditions))
+                    raise located("condition", name, one_of(self.conditions))
             keep &= np.isin(self.condition, [self.conditions.index(c) for c in conditions])
         if participants is not None:
             keep &= np.isin(self.participant, participants)
@@ -347,7 +266,7 @@ class EventLog:
         run = self.run_of_event
         response = np.where(self.response >= 0, self.response + 2, np.where(self.shows, 1, 0))
         mode = np.asarray(p.mode_of_action)[self.action]
-        names = (NO_RESPONSE, MISSING, *p.response_names)
+        names = response_labels(p)
         frame = pd.DataFrame(
             {
                 "study": pd.Categorical.from_codes(np.zeros(self.n_events, np.int8), [self.study]),
@@ -371,79 +290,27 @@ class EventLog:
         )
 
 
-class Problems:
-    """Collects broken rules while a log is checked; `place` names the file."""
-
-    KEEP = 200
-
-    def __init__(self, place: str) -> None:
-        self.place = place
-        self.kept: list[Problem] = []
-        self.total = 0
-
-    def where(self, mask: NDArray[np.bool_], column: str, values: NDArray | Coded, wanted: str) -> None:
-        """Add a problem for every row of `mask`."""
-        if not mask.any():
-            return
-        rows = np.flatnonzero(mask)
-        self.total += len(rows)
-        for row in rows[: self.KEEP]:
-            found = repr(_label(values, row)) if isinstance(values, Coded) else f"{values[row]}"
-            self.kept.append(Problem(int(row) + 2, column, found, wanted))
-
-    def add(self, row: int, column: str, value: str, wanted: str) -> None:
-        """Add one problem of a row (from 0)."""
-        self.total += 1
-        self.kept.append(Problem(row + 2, column, value, wanted))
-
-    def raise_if_any(self) -> None:
-        """Raise an `EventLogError` if anything was added."""
-        if self.kept:
-            raise EventLogError(self.place, sorted(self.kept, key=lambda p: p.line), self.total)
-
-
-def _label(column: Coded, row: int) -> str:
-    code = int(column.codes[row])
-    return "" if code < 0 else str(column.labels[code])
-
-
-def _blank(column: Coded) -> NDArray[np.bool_]:
-    blank = [i for i, name in enumerate(column.labels) if not str(name).strip()]
-    return (column.codes < 0) | np.isin(column.codes, blank)
-
-
-def _one_of(names: Sequence[str]) -> str:
-    return "one of " + ", ".join(names)
-
-
-def _recode(column: Coded, names: Sequence[str]) -> NDArray[np.int64]:
-    """Codes into `names`, -1 where the label is not among them."""
-    lookup = np.array([*(names.index(v) if v in names else -1 for v in column.labels), -1], dtype=np.int64)
-    return lookup[column.codes]
-
-
 def _integers(values: pd.Series, name: str, place: str) -> NDArray[np.int64]:
-    if pd.api.types.is_integer_dtype(values.dtype) and not values.hasnans:
-        return values.to_numpy(dtype=np.int64)
-    try:
-        numbers = pd.to_numeric(values, errors="raise").to_numpy(dtype=np.float64)
-        wrong = ~(numbers == np.floor(numbers))
-    except (ValueError, TypeError):
-        as_number = pd.to_numeric(values, errors="coerce")
-        numbers = as_number.to_numpy(dtype=np.float64, na_value=np.nan)
-        wrong = ~(numbers == np.floor(numbers))
-    if wrong.any():
-        rows = np.flatnonzero(wrong)
-        problems = [Problem(int(r) + 2, name, repr(values.iloc[r]), "an integer") for r in rows[:200]]
-        raise EventLogError(place, problems, len(rows))
+    as_number = pd.to_numeric(values, errors="coerce")
+    if pd.api.types.is_signed_integer_dtype(as_number.dtype) and not as_number.hasnans:
+        return as_number.to_numpy(dtype=np.int64)
+    numbers = as_number.to_numpy(dtype=np.float64, na_value=np.nan)
+    # From 2**53 on, a float no longer tells neighbouring ids apart.
+    _refuse(~((np.abs(numbers) < 2.0**53) & (numbers == np.floor(numbers))), values, name, place, "an integer")
     return numbers.astype(np.int64)
 
 
-def _run_order(
-    participant: NDArray[np.int64], sequence: NDArray[np.int64], k: NDArray[np.int64]
-) -> NDArray[np.int64] | None:
-    """Sorting permutation by (participant, sequence, k), None where the rows are sorted already."""
-    d_participant, d_sequence = np.diff(participant), np.diff(sequence)
-    same = d_participant == 0
-    ordered = (d_participant > 0) | (same & ((d_sequence > 0) | ((d_sequence == 0) & (np.diff(k) >= 0))))
-    return None if bool(ordered.all()) else np.lexsort((k, sequence, participant))
+def _numbers(values: pd.Series, name: str, place: str) -> NDArray[np.float64]:
+    """Token counts, NaN where empty."""
+    numbers = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    text = np.isnan(numbers) & values.notna().to_numpy(dtype=bool)
+    _refuse(text, values, name, place, "a number of at least 0, or empty")
+    return numbers
+
+
+def _refuse(wrong: NDArray[np.bool_], values: pd.Series, name: str, place: str, wanted: str) -> None:
+    if wrong.any():
+        rows = np.flatnonzero(wrong)
+        found = [(int(row), values.iloc[row]) for row in rows[: Problems.KEEP]]
+        problems = [Problem(r + 2, name, repr(v) if isinstance(v, str) else str(v), wanted) for r, v in found]
+        raise EventLogError(place, problems, len(rows))

@@ -6,6 +6,7 @@ actions and responses there are and never assumes the published two, four and tw
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -237,8 +238,6 @@ class Protocol:
         modes = []
         for name, entry in content["modes"].items():
             where = f"{place}, mode {name!r}"
-            if not isinstance(entry, Mapping):
-                raise located(where, entry, "a table")
             kinds = {"letter": str, "actions": Mapping, "null_action": str, "shows_response": bool}
             _typed(where, entry, kinds)
             actions = tuple(
@@ -273,23 +272,26 @@ class Protocol:
                 f"letter = {_quoted(mode.letter)}",
                 f"null_action = {_quoted(mode.null_action)}",
                 f"shows_response = {'true' if mode.shows_response else 'false'}",
-                "actions = {" + ", ".join(f"{_quoted(a.name)} = {a.cost!r}" for a in mode.actions) + "}",
+                "actions = {" + ", ".join(f"{_quoted(a.name)} = {float(a.cost)!r}" for a in mode.actions) + "}",
                 "",
             ]
         lines.append("[responses]")
-        lines += [f"{_quoted(r.name)} = {r.score!r}" for r in self.responses]
+        lines += [f"{_quoted(r.name)} = {float(r.score)!r}" for r in self.responses]
         return "\n".join(lines) + "\n"
 
 
 def _typed(place: str, content: Mapping[str, Any], kinds: Mapping[str, type]) -> None:
     names = {str: "text", bool: "true or false", Mapping: "a table"}
+    if not isinstance(content, Mapping):
+        raise located(place, content, names[Mapping])
     for key, kind in kinds.items():
         if not isinstance(content.get(key), kind):
             raise located(f"{place}, key {key}", content.get(key), names[kind])
 
 
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    # JSON's escapes are TOML's, except that TOML also wants DEL escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _number(place: str, value: object) -> float:

@@ -64,7 +64,7 @@ class Reward:
         --------
         >>> from models.protocol import PUBLISHED
         >>> Reward(default_x(4)).table(PUBLISHED).round(1)[1]
-        array([-15. , -12.1,  -1. ,  25.8])
+        array([-15. , -12.1,  -1.1,  25.8])
         """
         for name in self.costs:
             protocol.action(name)

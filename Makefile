@@ -1,0 +1,65 @@
+# The chores of the workbench. `make` lists them; each one first sees to the environment it needs, which
+# takes a minute the first time and milliseconds after that. A machine with git, make and Python is enough.
+#
+#   make report ARGS="--states 3"       ARGS goes to the command behind the target
+#   make env PYTHON=/path/to/python     names the Python to use, should none be found
+
+.DEFAULT_GOAL := help
+.PHONY: help env report notebooks notebooks-fast test test-all lint format warm bench lock clean distclean
+
+BIN := .venv/bin
+OUT := reports/build
+ARGS ?=
+
+help: ## This list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+env: ## Make or repair .venv exactly as requirements.lock says
+	@sh .ci/environment .venv requirements.lock
+
+report: env ## The whole report on the bundled data, into reports/build (OUT=folder)
+	$(BIN)/prosocial report --out $(OUT) $(ARGS)
+
+notebooks: env ## Run every notebook and store its output
+	$(BIN)/python -m analysis.notebooks $(ARGS)
+
+notebooks-fast: env ## Run every notebook with few draws, to see that it still runs; stores nothing
+	$(BIN)/python -m analysis.notebooks --fast $(ARGS)
+
+test: env ## Tests and docstring examples, without the slow ones (ARGS="-k em" picks some)
+	$(BIN)/python -m pytest $(ARGS)
+
+test-all: env ## All tests, the slow ones too
+	$(BIN)/python -m pytest -m "" $(ARGS)
+
+lint: env ## Style, formatting and types; changes nothing
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: env ## Mend what style and formatting can mend by themselves
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+warm: env ## Compile every kernel a report needs, so that no later command pays for it
+	@out=$$(mktemp -d) && trap 'rm -rf "$$out"' EXIT && $(BIN)/prosocial report --quick --quiet --out "$$out"
+
+# The peers get an environment of their own. Their lock is made under the constraint of ours, so every version
+# they share is the same; but a package that happens to be importable changes what others do (optional imports),
+# and the tests must never lean on one that only the benchmarks install.
+bench: ## Measure the workbench against its peers (ARGS=name for one)
+	@sh .ci/environment .venv-bench requirements-bench.lock
+	.venv-bench/bin/prosocial bench $(ARGS)
+
+# Hashes only: no address of any package index gets into a lock file.
+COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.12 --generate-hashes --no-header pyproject.toml
+lock: env ## Pin anew what pyproject.toml asks for (ARGS=--upgrade for newer versions)
+	$(COMPILE) --all-extras --group dev --group build --output-file requirements.lock $(ARGS)
+	$(COMPILE) --group build --group bench --constraints requirements.lock --output-file requirements-bench.lock $(ARGS)
+
+clean: ## Remove what runs leave behind: built reports, compiled kernels, tools' caches
+	rm -rf reports/build .cache/numba .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find models analysis tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## As clean, and downloads, stored fits and the environments too
+	rm -rf .cache .venv .venv-bench

@@ -1,0 +1,223 @@
+"""Commands about data: ``data list``, ``data card``, ``data check``, ``data import``, ``simulate study1``."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from analysis.cli_options import (
+    DEFAULT_SEED,
+    JsonOption,
+    ProtocolOption,
+    QuietOption,
+    Report,
+    SeedOption,
+    check_output,
+    load_protocol,
+    write_output,
+)
+from models.errors import InputError
+
+if TYPE_CHECKING:
+    from models.events import EventLog
+
+data = typer.Typer(
+    help="Data sets and event files.\n\nExample: prosocial data check events.csv",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+simulate = typer.Typer(
+    help="Simulated studies.\n\nExample: prosocial simulate study1 --out study1.csv.gz",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+_ENDINGS = "ends in .csv, .csv.gz or .parquet"
+
+
+@data.command("list")
+def list_command(json: JsonOption = None, quiet: QuietOption = False, seed: SeedOption = DEFAULT_SEED) -> None:
+    """List the registered data sets.
+
+    Example: prosocial data list --json -
+    """
+    from analysis import datasets
+
+    report = Report(json, quiet)
+    cards = [datasets.card(name) for name in datasets.names()]
+    for card in cards:
+        report.say(f"{card.name}: {card.title}\n  {_sizes(card.rows, card.participants, card.sequences)}")
+    entries: list[dict[str, Any]] = [
+        {"name": c.name, "title": c.title, "kind": c.kind, "licence": c.licence,
+         "rows": c.rows, "participants": c.participants, "sequences": c.sequences, "problems": []}
+        for c in cards
+    ]  # fmt: skip
+    totals = {key: sum(entry[key] or 0 for entry in entries) for key in ("rows", "participants", "sequences")}
+    report.finish({"datasets": entries, **totals, "problems": []})
+
+
+@data.command("card")
+def card_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A registered data set.")],
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Show what a data set is, and what it is not.
+
+    Example: prosocial data card frd2012
+    """
+    from dataclasses import asdict
+
+    from analysis import datasets
+
+    report = Report(json, quiet)
+    card = datasets.card(name)
+    report.say(card.text())
+    report.finish({**asdict(card), "problems": []})
+
+
+@data.command("check")
+def check_command(
+    file: Annotated[str, typer.Argument(metavar="DATA", help="An event file, or a registered data set.")],
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    protocol: ProtocolOption = None,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Check an event file against every rule; exit status 2 if it breaks one.
+
+    Example: prosocial data check events.csv.gz --json report.json
+    """
+    from analysis import datasets
+    from models.events import EventLogError
+
+    report = Report(json, quiet)
+    rules = load_protocol(protocol)
+    try:
+        loaded = datasets.load(file, rules)
+    except InputError as error:
+        problems = [
+            {"line": p.line, "column": p.column, "value": p.value, "wanted": p.wanted, "message": str(p)}
+            for p in (error.problems if isinstance(error, EventLogError) else ())
+        ] or [{"line": None, "column": None, "value": None, "wanted": None, "message": str(error)}]
+        total = error.total if isinstance(error, EventLogError) else 1
+        report.finish(
+            {"file": file, "rows": None, "participants": None, "sequences": None, "problems": problems,
+             "total_problems": total}
+        )  # fmt: skip
+        if isinstance(error, EventLogError):
+            raise InputError(_problem_list(error)) from None
+        raise
+    for note in loaded.notes:
+        report.say(f"note: {note}")
+    report.say(f"{file}: {_sizes(*_counts(loaded.log).values())}; no problems")
+    report.finish(
+        {"file": file, **_counts(loaded.log), "problems": [], "total_problems": 0, "notes": loaded.notes,
+         "conditions": loaded.log.conditions, "missing_responses": loaded.log.n_missing, "digest": loaded.digest}
+    )  # fmt: skip
+
+
+@data.command("import")
+def import_command(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A raw export: one row a round, with a header.")],
+    column_map: Annotated[str, typer.Option("--map", metavar="MAP.toml", help="How its columns are to be read.")],
+    out: Annotated[str, typer.Option("--out", metavar="FILE", help=f"Event file to write; {_ENDINGS}.")],
+    key: Annotated[
+        str | None,
+        typer.Option("--key", metavar="FILE", help="Also write who is who (personal ids) as CSV."),
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    protocol: ProtocolOption = None,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Turn a raw export into an event file, with a column map.
+
+    Example: prosocial data import raw.csv --map data/maps/osf_study1_example.toml --out study1.csv.gz
+    """
+    from analysis.event_files import write_events
+    from analysis.osf_import import import_events, key_text
+
+    report = Report(json, quiet)
+    _distinct({"FILE": file, "--map": column_map, "--out": out, "--key": key, "--json": json})
+    check_output("--out", out)
+    if key is not None:
+        check_output("--key", key)
+    imported = import_events(file, column_map, load_protocol(protocol))
+    write_events(imported.log, out)
+    if key is not None:
+        write_output("--key", key, key_text(imported.key).encode())
+    for note in imported.notes:
+        report.say(f"note: {note}")
+    report.say(f"{out}: {_sizes(*_counts(imported.log).values())}")
+    report.finish(
+        {"file": file, "out": out, "key": key, **_counts(imported.log), "problems": [], "notes": imported.notes,
+         "conditions": imported.log.conditions, "missing_responses": imported.log.n_missing}
+    )  # fmt: skip
+
+
+@simulate.callback()
+def simulate_group() -> None:
+    """Keep `study1` a subcommand although it is the only one."""
+
+
+@simulate.command("study1")
+def study1_command(
+    out: Annotated[str, typer.Option("--out", metavar="FILE", help=f"Event file to write; {_ENDINGS}.")],
+    participants: Annotated[int, typer.Option(min=1, help="Simulated people.")] = 540,
+    truth: Annotated[
+        str | None,
+        typer.Option(metavar="MODEL", help="Model file of the truth; the calibrated one by default."),
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Simulate the published study 1 with people of a known truth.
+
+    Example: prosocial simulate study1 --out study1.csv.gz --participants 540 --seed 1
+    """
+    from analysis.event_files import write_events
+    from analysis.simulate import simulate_study1
+    from models.model_files import read_model
+
+    report = Report(json, quiet)
+    _distinct({"--out": out, "--truth": truth, "--json": json})
+    check_output("--out", out)
+    log = simulate_study1(None if truth is None else read_model(truth), participants, seed)
+    write_events(log, out)
+    report.say(f"{out}: {_sizes(*_counts(log).values())}; simulated, seed {seed}")
+    report.finish(
+        {"out": out, "participants": log.n_participants, "events": log.n_events, "seed": seed,
+         "truth": truth or "calibrated_truth", "conditions": log.conditions}
+    )  # fmt: skip
+
+
+def _counts(log: EventLog) -> dict[str, int]:
+    return {"rows": log.n_events, "participants": log.n_participants, "sequences": log.n_runs}
+
+
+def _sizes(rows: Any, participants: Any, sequences: Any) -> str:
+    return f"{rows:,} events, {participants:,} people, {sequences:,} sequences"
+
+
+def _distinct(paths: dict[str, str | None]) -> None:
+    """Refuse to write a file over another one that the same command reads or writes."""
+    seen: dict[str, str] = {}
+    for option, path in paths.items():
+        if path is None or path == "-":
+            continue
+        real = os.path.realpath(path)
+        if real in seen:
+            raise InputError(f"{option}: found {path!r}, wanted another file than {seen[real]}")
+        seen[real] = option
+
+
+def _problem_list(error: Any) -> str:
+    lines = [f"{error.place}: {error.total} problem{'s' * (error.total != 1)}"]
+    lines += [f"  {problem}" for problem in error.problems]
+    hidden = error.total - len(error.problems)
+    return "\n".join([*lines, f"  and {hidden} more"] if hidden else lines)

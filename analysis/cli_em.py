@@ -1,0 +1,178 @@
+"""The command ``em``: Baum-Welch over several numbers of states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from analysis.cli_options import (
+    DEFAULT_SEED,
+    JsonOption,
+    ProtocolOption,
+    QuietOption,
+    Report,
+    SeedOption,
+    check_output,
+    load_protocol,
+    write_output,
+)
+
+if TYPE_CHECKING:
+    from analysis.em_study import EmStudy
+    from models.baum_welch import BaumWelchFit
+
+DataArgument = Annotated[str, typer.Argument(metavar="DATA", help="A registered data set, or an event file.")]
+ConditionOption = Annotated[
+    list[str] | None,
+    typer.Option("--condition", metavar="C", help="Condition to learn from (repeatable; all: every one)."),
+]
+StatesOption = Annotated[
+    str | None, typer.Option("--states", metavar="2-5", help="Numbers of states: 4, 2-5 or 2,4.")
+]
+PinOption = Annotated[
+    list[str] | None,
+    typer.Option("--pin", metavar="ACTION", help="Hold its transition table at the identity (repeatable; none)."),
+]
+
+
+def em_command(
+    data: DataArgument,
+    condition: ConditionOption = None,
+    states: StatesOption = None,
+    restarts: Annotated[
+        int | None, typer.Option(min=1, help="Random starts; 200 in two stages by default.")
+    ] = None,
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper", help="The published way: one stage, 30 restarts, 1,000 iterations, tolerance 1e-5."
+        ),
+    ] = False,
+    pin: PinOption = None,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates of the parametric bootstrap.")] = 0,
+    out: Annotated[
+        str | None, typer.Option("--out", metavar="DIR", help="Write a model file for each number of states.")
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+    protocol: ProtocolOption = None,
+) -> None:
+    """Learn transition and observation tables by Baum-Welch.
+
+    Example: prosocial em simulated_study1 --states 2-5 --out reports/build/models
+    """
+    from dataclasses import replace
+    from pathlib import Path
+
+    from analysis import datasets, progress
+    from analysis.em_study import run_em
+    from analysis.study_selection import select
+    from models.baum_welch import BaumWelch
+    from models.errors import InputError, located
+
+    report = Report(json, quiet)
+    if paper and restarts is not None:
+        raise located("--restarts", restarts, "nothing beside --paper, which is 30 restarts by definition")
+    if bootstrap == 1:
+        raise located("--bootstrap", 1, "0 for none, or at least 2 replicates")
+    if out is not None:
+        if Path(out).exists() and not Path(out).is_dir():
+            raise InputError(f"--out {out}: is a file, a folder was wanted")
+        check_output("--out", Path(out) / "model.json")
+    chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin)
+    pins = dict.fromkeys(chosen.pins)
+
+    def settings(k: int) -> BaumWelch:
+        if paper:
+            return BaumWelch.paper(k, pins=pins, seed=seed)
+        own = BaumWelch(k, pins=pins, seed=seed)
+        return own if restarts is None else replace(own, restarts=restarts)
+
+    with progress.shown(quiet) as watch:
+        study = run_em(
+            chosen.log, chosen.states, settings=settings, seed=seed,
+            bootstrap=dict.fromkeys(chosen.states, bootstrap), progress=watch,
+        )  # fmt: skip
+    files = {}
+    if out is not None:
+        files = _write_models(study, Path(out), chosen.dataset.digest, seed)
+    report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; seed {seed}")
+    for k, fit in study.fits.items():
+        report.say(fit.sentence + f" BIC {fit.bic:.1f}.")
+        for sentence in study.identifications[k].sentences():
+            report.say(f"  - {sentence}")
+    report.finish(
+        {
+            "data": data, "kind": chosen.dataset.card.kind, "digest": chosen.dataset.digest, "seed": seed,
+            "conditions": chosen.conditions, "pins": chosen.pins, "procedure": "paper" if paper else "two-stage",
+            "compile_seconds": study.compile_seconds,
+            "fits": [
+                {**fit_to_dict(fit), "seconds": study.seconds[k],
+                 "identification": study.identifications[k].sentences(),
+                 "bootstrap": _intervals(study, k), "model_file": files.get(k)}
+                for k, fit in study.fits.items()
+            ],
+        }
+    )  # fmt: skip
+
+
+def fit_to_dict(fit: BaumWelchFit) -> dict[str, Any]:
+    """Content of one entry of ``fits`` in the command's JSON."""
+    from models.model_files import model_to_dict
+
+    tables = model_to_dict(fit.model)
+    own = fit.settings
+    return {
+        "states": fit.n_states,
+        "log_likelihood": fit.log_likelihood,
+        "n_parameters": fit.n_parameters,
+        "n_responses": fit.n_responses,
+        "aic": fit.aic,
+        "bic": fit.bic,
+        "converged": fit.converged,
+        "restarts": own.restarts,
+        "settings": {
+            "finalists": fit.runs_in_final_stage, "screening_maps": own.screening_maps, "max_maps": own.max_maps,
+            "tolerance": own.tolerance, "patience": own.patience, "accelerate": own.accelerate,
+        },
+        "maps": fit.maps,
+        "optima": [
+            {"log_likelihood": o.log_likelihood, "restarts": o.restarts, "converged": o.converged}
+            for o in fit.optima
+        ],
+        "gap_to_second": fit.gap_to_second,
+        **{key: tables[key] for key in ("initial", "transition", "emission")},
+        **({"help_probability": tables["help_probability"]} if "help_probability" in tables else {}),
+    }  # fmt: skip
+
+
+def _write_models(study: EmStudy, folder: Any, digest: str, seed: int) -> dict[int, str]:
+    import json as json_text
+
+    from models.model_files import model_to_dict
+
+    files = {}
+    for k, fit in study.fits.items():
+        path = folder / f"model_{k}_states.json"
+        content = {
+            "what": f"Baum-Welch estimate with {k} states; {fit.sentence}",
+            **model_to_dict(fit.model),
+            "provenance": {"data_digest": digest, "seed": seed, "log_likelihood": fit.log_likelihood,
+                           "converged": fit.converged},
+        }  # fmt: skip
+        write_output("--out", path, (json_text.dumps(content, indent=1) + "\n").encode())
+        files[k] = str(path)
+    return files
+
+
+def _intervals(study: EmStudy, k: int) -> dict[str, Any] | None:
+    boot = study.bootstraps.get(k)
+    if boot is None:
+        return None
+    out: dict[str, Any] = {"replicates": boot.replicates, "level": 0.9, "kind": "percentile", "seed": boot.seed}
+    for table in ("initial", "transition", "emission"):
+        low, high = boot.interval(table)
+        out[table] = {"low": low, "high": high}
+    return out

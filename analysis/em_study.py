@@ -1,0 +1,177 @@
+"""Baum-Welch over several numbers of states: the point-estimate half of every analysis.
+
+For each number of states there is the workbench's own search and, beside it, the published procedure, so that a
+report can say how much of the paper's "highest log-likelihood at 4 states" is a statement about restarts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.baum_welch import BaumWelch, BaumWelchFit
+from models.bootstrap import Bootstrap, parametric_bootstrap
+from models.errors import located
+from models.events import EventLog
+from models.identification import Identification, identification
+from models.parameters import Array
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is running, done, total)."""
+
+
+@dataclass(frozen=True)
+class EmStudy:
+    """Fits of one event log.
+
+    Attributes
+    ----------
+    log : EventLog
+    fits : dict of int to BaumWelchFit
+        Own search, by number of states.
+    paper_fits : dict of int to BaumWelchFit
+        Published procedure on the same data; empty if not asked for.
+    identifications : dict of int to Identification
+        Of `fits`.
+    bootstraps : dict of int to Bootstrap
+        Parametric bootstrap of `fits`; empty if not asked for.
+    seconds : dict of int to float
+        Wall time of each own fit, without compilation.
+    compile_seconds : float
+    """
+
+    log: EventLog
+    fits: dict[int, BaumWelchFit]
+    paper_fits: dict[int, BaumWelchFit] = field(default_factory=dict)
+    identifications: dict[int, Identification] = field(default_factory=dict)
+    bootstraps: dict[int, Bootstrap] = field(default_factory=dict)
+    seconds: dict[int, float] = field(default_factory=dict)
+    compile_seconds: float = 0.0
+
+    @property
+    def states(self) -> tuple[int, ...]:
+        """Numbers of states that were fitted."""
+        return tuple(self.fits)
+
+    @property
+    def best_by_bic(self) -> int:
+        """Number of states with the smallest BIC."""
+        return min(self.fits, key=lambda k: self.fits[k].bic)
+
+    @property
+    def best_by_log_likelihood(self) -> int:
+        """Number of states with the largest log-likelihood: the paper's criterion."""
+        return max(self.fits, key=lambda k: self.fits[k].log_likelihood)
+
+    @property
+    def restarts_sentence(self) -> str:
+        """How the paper's procedure and the longer search differ, and what that says about the criterion."""
+        if not self.paper_fits:
+            return "The published procedure was not run."
+        paper_best = max(self.paper_fits, key=lambda k: self.paper_fits[k].log_likelihood)
+        parts = []
+        for k, paper in self.paper_fits.items():
+            own = self.fits[k].log_likelihood
+            n = sum(not o for o in _converged_flags(paper))
+            parts.append(
+                f"{k} states: {paper.log_likelihood:.2f} against {own:.2f} "
+                f"({n} of {paper.runs_in_final_stage} runs hit the cap)"
+            )
+        text = (
+            "Log-likelihood of the published procedure (one stage, 30 restarts, at most 1,000 iterations, "
+            f"tolerance 1e-5) against the longer search: {'; '.join(parts)}. "
+        )
+        if paper_best == self.best_by_log_likelihood:
+            text += f"Both are highest at {paper_best} states. "
+        else:
+            text += (
+                f"The published procedure is highest at {paper_best} states, the longer search at "
+                f"{self.best_by_log_likelihood}. "
+            )
+        return text + (
+            "A model with one more state contains the smaller one, so the maximum cannot fall as states are added: "
+            'a "highest log-likelihood at 4 states" means that restarts with 5 states did not reach their maximum, '
+            "not that 4 states describe people best."
+        )
+
+
+def _converged_flags(fit: BaumWelchFit) -> list[bool]:
+    return [flag for o in fit.optima for flag in [True] * o.converged + [False] * (o.restarts - o.converged)]
+
+
+def run_em(
+    log: EventLog,
+    states: Sequence[int] = (2, 3, 4, 5),
+    *,
+    settings: Callable[[int], BaumWelch] | None = None,
+    pins: Mapping[str, Array | None] | None = None,
+    seed: int = 1,
+    with_paper: bool = False,
+    bootstrap: Mapping[int, int] | None = None,
+    progress: Progress | None = None,
+) -> EmStudy:
+    """Fit every number of states.
+
+    Parameters
+    ----------
+    log : EventLog
+    states : sequence of int
+    settings : callable, optional
+        Number of states to `BaumWelch` settings; the defaults with `pins` and `seed` unless given.
+    pins : mapping, optional
+        Transition tables held fixed (None: the identity), by action.
+    seed : int
+    with_paper : bool
+        Also run the published procedure.
+    bootstrap : mapping of int to int, optional
+        Replicates of the parametric bootstrap, by number of states.
+    progress : callable, optional
+    """
+    if len(states) == 0:
+        raise located("states", list(states), "at least one number of states")
+    pins = pins or {}
+    make = settings or (lambda k: BaumWelch(k, pins=pins, seed=seed))
+    started = time.perf_counter()
+    BaumWelch(2, restarts=1, finalists=1, screening_maps=1, max_maps=1, seed=seed).fit(log)
+    compile_seconds = time.perf_counter() - started
+
+    def report(label: str) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, total: progress(label, done, total)
+
+    fits, paper, found, boots, seconds = {}, {}, {}, {}, {}
+    for k in states:
+        started = time.perf_counter()
+        fits[k] = make(k).fit(log, progress=report(f"Baum-Welch, {k} states"))
+        seconds[k] = time.perf_counter() - started
+        found[k] = identification(fits[k], log, seed=seed)
+        if with_paper:
+            own = BaumWelch.paper(k, pins=pins, seed=seed)
+            paper[k] = own.fit(log, progress=report(f"published procedure, {k} states"))
+        if bootstrap and bootstrap.get(k):
+            boots[k] = parametric_bootstrap(
+                fits[k], log, bootstrap[k], seed=seed, progress=report(f"bootstrap, {k} states")
+            )
+    return EmStudy(log, fits, paper, found, boots, seconds, compile_seconds)
+
+
+def parse_states(text: str) -> tuple[int, ...]:
+    """Read ``4``, ``2-5`` or ``2,4`` as numbers of states.
+
+    Examples
+    --------
+    >>> parse_states("2-5"), parse_states("2,4")
+    ((2, 3, 4, 5), (2, 4))
+    """
+    wanted = "a number such as 4, a range such as 2-5 or a list such as 2,4 (1 to 12 states)"
+    values: list[int] = []
+    for part in text.split(","):
+        low, dash, high = part.strip().partition("-")
+        if not low.isdecimal() or (dash and not high.isdecimal()):
+            raise located("--states", text, wanted)
+        values += range(int(low), int(high if dash else low) + 1)
+    if not values or min(values) < 1 or max(values) > 12:
+        raise located("--states", text, wanted)
+    return tuple(int(v) for v in np.unique(values))

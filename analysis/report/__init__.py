@@ -1,0 +1,1 @@
+"""The report: sections in one ordered list, each a function from a context to tables, figures and sentences."""

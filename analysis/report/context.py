@@ -1,0 +1,86 @@
+"""What every section is given: the data, the fits, and how both were asked for."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any
+
+from analysis.datasets import DataSet
+from analysis.em_study import EmStudy
+from analysis.report.section import Origin
+from models.events import EventLog
+from models.protocol import PUBLISHED, Protocol
+
+PACKAGES = ("prosocial-workbench", "numpy", "scipy", "pandas", "numba", "matplotlib", "jinja2")
+
+
+@dataclass(frozen=True)
+class ReportContext:
+    """Everything a section may use.
+
+    Attributes
+    ----------
+    data : DataSet
+        As loaded, with its card.
+    log : EventLog
+        The part of it that the report is about.
+    study : EmStudy
+        Fits of `log`.
+    conditions : tuple of str
+        Conditions selected; empty for all.
+    pins : tuple of str
+        Actions whose transition table is fixed to the identity.
+    seed : int
+    quick : bool
+    published : mapping
+        Numbers printed in the paper (`analysis.design.published`).
+    command : str
+        Command line, as given.
+    date : str
+    """
+
+    data: DataSet
+    log: EventLog
+    study: EmStudy
+    conditions: tuple[str, ...]
+    pins: tuple[str, ...]
+    seed: int
+    quick: bool
+    published: Mapping[str, Any]
+    command: str
+    date: str
+
+    @property
+    def origin(self) -> Origin:
+        """Origin of everything computed from the data set."""
+        return Origin.of_kind(self.data.card.kind)
+
+    @property
+    def protocol(self) -> Protocol:
+        """Protocol of the log."""
+        return self.log.protocol
+
+    @property
+    def is_published_protocol(self) -> bool:
+        """Whether numbers printed in the paper can stand beside this study's at all."""
+        return self.protocol == PUBLISHED
+
+    @property
+    def shown_states(self) -> tuple[int, ...]:
+        """Numbers of states whose model is shown in full: four, as published, and the choice of BIC."""
+        wanted = {4, self.study.best_by_bic}
+        return tuple(k for k in self.study.states if k in wanted)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages the numbers depend on."""
+    out = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            out[name] = "not installed as a package"
+    return out

@@ -1,0 +1,42 @@
+"""The sections of the report, in order. Adding one is a file in `sections/` and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, NotSupported, Section
+from analysis.report.sections import flow, learned, limits, provenance, reward, states, study
+
+Make = Callable[[ReportContext], tuple[Block, ...]]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A section to be made: `make` may raise `NotSupported`; any other exception fails the report."""
+
+    key: str
+    title: str
+    make: Make
+
+    def section(self, context: ReportContext) -> Section:
+        """Make the section."""
+        try:
+            return Section(self.title, self.key, self.make(context))
+        except NotSupported as error:
+            return Section(self.title, self.key, omitted=error.reason)
+        except Exception as error:
+            error.add_note(f"while making section {self.key!r} of the report")
+            raise
+
+
+SECTIONS: tuple[Entry, ...] = (
+    Entry("provenance", "Where these numbers come from", provenance.make),
+    Entry("study", "The study: who responded how, and when", study.make),
+    Entry("flow", "Participant flow", flow.make),
+    Entry("states", "How many states?", states.make),
+    Entry("model", "The learned model", learned.make),
+    Entry("reward", "The reward", reward.make),
+    Entry("limits", "What this does not show", limits.make),
+)

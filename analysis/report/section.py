@@ -1,0 +1,216 @@
+"""What a section is made of, and the one rule of the report: every number says where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as MplFigure
+
+from analysis.figures.style import style, to_svg
+
+
+class NotSupported(Exception):
+    """Why something is left out of the report: the only permitted omission. The reason is printed."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class Origin(Enum):
+    """Where numbers come from; `label` is the badge, `meaning` its explanation."""
+
+    REAL = ("real", "real people", "Computed here from the recorded behaviour of people.")
+    SIMULATED = ("simulated", "simulated", "Computed here from data drawn from a model. Nobody took part.")
+    UNSTATED = ("unstated", "supplied file", "Computed here from a file that does not say whether its people exist.")
+    PRINTED = ("printed", "printed in the paper", "Copied from Zahedi et al. (2026), whose data are not used here.")
+    DEFINITION = ("definition", "definition", "Follows from a formula or a setting. No data are involved.")
+
+    def __init__(self, key: str, label: str, meaning: str) -> None:
+        self.key, self.label, self.meaning = key, label, meaning
+
+    @classmethod
+    def of_kind(cls, kind: str) -> Origin:
+        """Origin of everything computed from a data set, from its card's `kind`."""
+        return {"real": cls.REAL, "simulated": cls.SIMULATED}.get(kind, cls.UNSTATED)
+
+
+Drawing = Callable[[], Axes | MplFigure]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One or several panels under one caption.
+
+    Attributes
+    ----------
+    key : str
+        Unique in the report; the anchor.
+    panels : tuple of callables
+        Each draws one panel when the report is rendered.
+    caption : str
+    alt : tuple of str
+        What each panel shows, for people who do not see it; one for all panels or one each.
+    origin : tuple of Origin
+    """
+
+    key: str
+    panels: tuple[Drawing, ...]
+    caption: str
+    alt: tuple[str, ...]
+    origin: tuple[Origin, ...]
+
+    def __post_init__(self) -> None:
+        if not self.panels or len(self.alt) != len(self.panels):
+            raise ValueError(f"figure {self.key!r}: {len(self.panels)} panels but {len(self.alt)} alternative texts")
+        if not self.origin or not self.caption or not all(self.alt):
+            raise ValueError(f"figure {self.key!r}: a caption, alternative texts and an origin are required")
+
+    def svgs(self) -> list[str]:
+        """Draw every panel as SVG."""
+        out = []
+        for i, draw in enumerate(self.panels):
+            try:
+                with style():
+                    drawn = draw()
+                out.append(to_svg(drawn))
+            except Exception as error:
+                error.add_note(f"while drawing figure {self.key!r}, panel {i + 1} of {len(self.panels)}")
+                raise
+        return out
+
+
+@dataclass(frozen=True)
+class Table:
+    """A data frame with what is needed to print it.
+
+    Attributes
+    ----------
+    key : str
+    frame : DataFrame
+        Column names are the headings.
+    caption : str
+    origin : tuple of Origin
+    formats : mapping of column to format
+        Python format specifications such as ``.2f`` or ``,d``; text and truth values need none.
+    printed : tuple of str
+        Columns copied from the paper: set apart and labelled.
+    groups : tuple of (heading, number of columns)
+        A heading above neighbouring columns; empty headings leave a gap.
+    row_headings : int
+        How many first columns name the row.
+    """
+
+    key: str
+    frame: pd.DataFrame
+    caption: str
+    origin: tuple[Origin, ...]
+    formats: Mapping[str, str] = field(default_factory=dict)
+    printed: tuple[str, ...] = ()
+    groups: tuple[tuple[str, int], ...] = ()
+    row_headings: int = 1
+
+    def __post_init__(self) -> None:
+        if not self.origin or not self.caption:
+            raise ValueError(f"table {self.key!r}: a caption and an origin are required")
+        if self.printed and Origin.PRINTED not in self.origin:
+            raise ValueError(f"table {self.key!r}: has printed columns, so its origin must say so")
+        unknown = {*self.formats, *self.printed} - set(self.frame.columns)
+        if unknown:
+            raise ValueError(f"table {self.key!r}: no column {', '.join(sorted(unknown))}")
+        if self.groups and sum(n for _, n in self.groups) != len(self.frame.columns):
+            raise ValueError(f"table {self.key!r}: its groups do not cover its {len(self.frame.columns)} columns")
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `kind` is ``plain``, ``note`` (small) or ``warning`` (set apart)."""
+
+    text: str
+    kind: str = "plain"
+
+
+@dataclass(frozen=True)
+class Points:
+    """A list of sentences under an optional lead."""
+
+    items: tuple[str, ...]
+    lead: str = ""
+
+
+@dataclass(frozen=True)
+class Omitted:
+    """Something that is not shown, and why."""
+
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Part:
+    """Blocks under a heading of their own; folded away on screen if `folded` (print shows all)."""
+
+    title: str
+    key: str
+    blocks: tuple[Block, ...]
+    folded: bool = False
+
+
+type Block = Figure | Table | Text | Points | Omitted | Part
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of the report.
+
+    Attributes
+    ----------
+    title, key : str
+    blocks : tuple
+        What it shows, in order.
+    omitted : str, optional
+        The reason, if the whole section is left out.
+    """
+
+    title: str
+    key: str
+    blocks: tuple[Block, ...] = ()
+    omitted: str | None = None
+
+    def _all(self) -> Iterator[Block]:
+        stack = list(reversed(self.blocks))
+        while stack:
+            block = stack.pop()
+            yield block
+            if isinstance(block, Part):
+                stack.extend(reversed(block.blocks))
+
+    @property
+    def tables(self) -> list[Table]:
+        """Tables, in order."""
+        return [b for b in self._all() if isinstance(b, Table)]
+
+    @property
+    def figures(self) -> list[Figure]:
+        """Figures, in order."""
+        return [b for b in self._all() if isinstance(b, Figure)]
+
+    @property
+    def sentences(self) -> list[str]:
+        """Paragraphs and list items, in order."""
+        out: list[str] = []
+        for block in self._all():
+            out += [block.text] if isinstance(block, Text) else list(block.items) if isinstance(block, Points) else []
+        return out
+
+
+def attempt(what: str, make: Callable[[], tuple[Block, ...]]) -> tuple[Block, ...]:
+    """Blocks of a part of a section, or the printed reason why it is not supported."""
+    try:
+        return make()
+    except NotSupported as error:
+        return (Omitted(what, error.reason),)

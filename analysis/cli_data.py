@@ -95,6 +95,7 @@ def check_command(
     from models.events import EventLogError
 
     report = Report(json, quiet)
+    _distinct({"DATA": file, "--protocol": protocol, "--json": json})
     rules = load_protocol(protocol)
     try:
         loaded = datasets.load(file, rules)
@@ -142,7 +143,9 @@ def import_command(
     from analysis.osf_import import import_events, key_text
 
     report = Report(json, quiet)
-    _distinct({"FILE": file, "--map": column_map, "--out": out, "--key": key, "--json": json})
+    _distinct(
+        {"FILE": file, "--map": column_map, "--protocol": protocol, "--out": out, "--key": key, "--json": json}
+    )
     check_output("--out", out)
     if key is not None:
         check_output("--key", key)

@@ -120,6 +120,8 @@ def renumbered(error: EventLogError, source: FileSource) -> EventLogError:
 
 
 def _is_integer(text: str) -> bool:
+    if text.isascii() and text.isdigit() and len(text) < 19:
+        return True
     text = text.strip(" \t")
     return _INTEGER.fullmatch(text) is not None and -_INT64 <= int(text) < _INT64
 

@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from models.compiled import kernel
 from models.errors import located
 
+DENSE = 16_384
+"""Nodes whose children are found by table while the tree is grown."""
+
 UNSEEN = -1
 """Response code of an event at which no response was seen (silent mode, or a missing record)."""
 
@@ -103,7 +106,7 @@ class HistoryTree:
             if codes.min() < low or codes.max() > high:
                 bad = codes[(codes < low) | (codes > high)][0]
                 raise located(f"event log, {name} code", int(bad), f"{low}..{high}")
-        parent, symbol, run_node = _grow(offsets, action, response, n_responses + 1)
+        parent, symbol, run_node = _grow(offsets, action, response, n_actions, n_responses + 1)
         first_child, n_children, parent, symbol, rank = _renumber(parent, symbol)
         run_node = rank[run_node]
         ends = np.bincount(run_node, minlength=len(parent)).astype(np.float64)
@@ -166,47 +169,59 @@ class HistoryTree:
         return path
 
 
+def _grow(
+    offsets: NDArray[np.int64], action: NDArray[np.int8], response: NDArray[np.int8], n_actions: int, n_records: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Insert every run; returns parent and symbol of each node, and the last node of each run."""
+    longest = int(np.diff(offsets).max())
+    table = np.full(DENSE * n_actions * n_records, -1, np.int32)
+    nodes, run = 1, 0
+    run_node = np.empty(len(offsets) - 1, np.int64)
+    columns = np.full((4, max(1024, 2 * longest)), -1, np.int64)
+    while True:
+        # The arrays keep their size inside the kernel: reassigning them there costs a factor of twenty.
+        nodes, run = _insert(offsets, action, response, n_records, table, columns, nodes, run, run_node)
+        if run == len(run_node):
+            parent, symbol = columns[:2, :nodes]
+            return parent.copy(), symbol.copy(), run_node
+        columns = np.concatenate([columns, np.full_like(columns, -1)], axis=1)
+
+
 @kernel
-def _grow(offsets, action, response, n_symbols):  # type: ignore[no-untyped-def]
-    """Insert every run into a first-child/next-sibling tree, in file order."""
-    capacity = 1024
-    parent = np.empty(capacity, np.int64)
-    symbol = np.empty(capacity, np.int64)
-    child = np.empty(capacity, np.int64)
-    sibling = np.empty(capacity, np.int64)
-    parent[0], symbol[0], child[0], sibling[0] = -1, -1, -1, -1
-    nodes = 1
-    runs = len(offsets) - 1
-    run_node = np.empty(runs, np.int64)
-    for run in range(runs):
+def _insert(  # type: ignore[no-untyped-def]
+    offsets, action, response, n_records, table, columns, nodes, first_run, run_node
+):
+    """Insert runs until done or until the next one might not fit; returns nodes in use and the next run.
+
+    The first `DENSE` nodes find their children in a table (one load an event), later ones along a list of
+    siblings, which costs no memory where histories are long and hardly ever shared.
+    """
+    parent, symbol, child, sibling = columns[0], columns[1], columns[2], columns[3]
+    n_symbols = len(table) // DENSE
+    for run in range(first_run, len(run_node)):
+        if nodes + offsets[run + 1] - offsets[run] > len(parent):
+            return nodes, run
         node = 0
         for event in range(offsets[run], offsets[run + 1]):
-            code = np.int64(action[event]) * n_symbols + np.int64(response[event]) + 1
-            found = child[node]
-            while found >= 0 and symbol[found] != code:
-                found = sibling[found]
+            code = np.int64(action[event]) * n_records + np.int64(response[event]) + 1
+            if node < DENSE:
+                found = np.int64(table[node * n_symbols + code])
+            else:
+                found = child[node]
+                while found >= 0 and symbol[found] != code:
+                    found = sibling[found]
             if found < 0:
-                if nodes == capacity:
-                    capacity *= 2
-                    parent = _longer(parent, capacity)
-                    symbol = _longer(symbol, capacity)
-                    child = _longer(child, capacity)
-                    sibling = _longer(sibling, capacity)
                 found = nodes
                 nodes += 1
-                parent[found], symbol[found], child[found] = node, code, -1
-                sibling[found] = child[node]
-                child[node] = found
+                parent[found], symbol[found] = node, code
+                if node < DENSE:
+                    table[node * n_symbols + code] = found
+                else:
+                    sibling[found] = child[node]
+                    child[node] = found
             node = found
         run_node[run] = node
-    return parent[:nodes].copy(), symbol[:nodes].copy(), run_node
-
-
-@kernel
-def _longer(array, capacity):  # type: ignore[no-untyped-def]
-    out = np.empty(capacity, array.dtype)
-    out[: len(array)] = array
-    return out
+    return nodes, len(run_node)
 
 
 @kernel

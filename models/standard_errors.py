@@ -40,9 +40,9 @@ class StandardErrors:
 
     @property
     def largest(self) -> float:
-        """Largest standard error of any entry."""
-        return float(max(np.nanmax(t) if np.isfinite(t).any() else np.nan for t in (
-            self.initial, self.transition, self.emission)))  # fmt: skip
+        """Largest standard error of any entry; NaN where there is none at all."""
+        every = np.concatenate([t.ravel() for t in (self.initial, self.transition, self.emission)])
+        return float(np.nanmax(every)) if np.isfinite(every).any() else float("nan")
 
 
 def standard_errors(fit: BaumWelchFit, log: EventLog) -> StandardErrors:

@@ -79,10 +79,9 @@ def _iteration(log: EventLog, states: int, repeats: int, peer: Any) -> Iterator[
     if peer is None:
         return
     symbols, lengths = _symbols(log)
-    model = peer(states, 10, 1)
 
     def theirs() -> None:
-        model.fit(symbols, lengths)
+        peer(states, 10, 1).fit(symbols, lengths)
 
     a, b = in_turn(ours, theirs, repeats)
     ratio = (b.median / 10) / (a.median / inner)

@@ -1,4 +1,4 @@
-"""Baum-Welch as one writes it in plain numpy, the peer without a compiler: all people at once, a loop over rounds."""
+"""Baum-Welch as one writes it in plain numpy, without a compiler: all people at once, a loop over rounds."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from analysis.datasets import DataSet
 from analysis.em_study import EmStudy
+from analysis.report.effort import Effort
 from analysis.report.section import Origin
 from models.events import EventLog
 from models.protocol import PUBLISHED, Protocol
@@ -34,7 +35,8 @@ class ReportContext:
     pins : tuple of str
         Actions whose transition table is fixed to the identity.
     seed : int
-    quick : bool
+    effort : Effort
+        How much work went into the fits; `effort.quick` reports are not for citation.
     published : mapping
         Numbers printed in the paper (`analysis.design.published`).
     command : str
@@ -48,7 +50,7 @@ class ReportContext:
     conditions: tuple[str, ...]
     pins: tuple[str, ...]
     seed: int
-    quick: bool
+    effort: Effort
     published: Mapping[str, Any]
     command: str
     date: str
@@ -65,8 +67,18 @@ class ReportContext:
 
     @property
     def is_published_protocol(self) -> bool:
-        """Whether numbers printed in the paper can stand beside this study's at all."""
+        """Whether the actions and responses are the paper's."""
         return self.protocol == PUBLISHED
+
+    @property
+    def is_published_design(self) -> bool:
+        """Whether people and conditions are those of the paper's study 1, so that its numbers can stand beside."""
+        printed = self.published["study1"]
+        return (
+            self.is_published_protocol
+            and self.log.n_participants == printed["participants"]
+            and set(self.log.conditions) == set(printed["conditions"])
+        )
 
     @property
     def shown_states(self) -> tuple[int, ...]:

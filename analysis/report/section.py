@@ -26,7 +26,11 @@ class Origin(Enum):
 
     REAL = ("real", "real people", "Computed here from the recorded behaviour of people.")
     SIMULATED = ("simulated", "simulated", "Computed here from data drawn from a model. Nobody took part.")
-    UNSTATED = ("unstated", "supplied file", "Computed here from a file that does not say whether its people exist.")
+    UNSTATED = (
+        "unstated",
+        "supplied file",
+        "Computed here from a file that does not say whether its people exist.",
+    )
     PRINTED = ("printed", "printed in the paper", "Copied from Zahedi et al. (2026), whose data are not used here.")
     DEFINITION = ("definition", "definition", "Follows from a formula or a setting. No data are involved.")
 
@@ -66,7 +70,9 @@ class Figure:
 
     def __post_init__(self) -> None:
         if not self.panels or len(self.alt) != len(self.panels):
-            raise ValueError(f"figure {self.key!r}: {len(self.panels)} panels but {len(self.alt)} alternative texts")
+            raise ValueError(
+                f"figure {self.key!r}: {len(self.panels)} panels but {len(self.alt)} alternative texts"
+            )
         if not self.origin or not self.caption or not all(self.alt):
             raise ValueError(f"figure {self.key!r}: a caption, alternative texts and an origin are required")
 
@@ -92,9 +98,10 @@ class Table:
     ----------
     key : str
     frame : DataFrame
-        Column names are the headings.
     caption : str
     origin : tuple of Origin
+    headings : mapping of column to text
+        Where a column's heading is not its name.
     formats : mapping of column to format
         Python format specifications such as ``.2f`` or ``,d``; text and truth values need none.
     printed : tuple of str
@@ -103,23 +110,27 @@ class Table:
         A heading above neighbouring columns; empty headings leave a gap.
     row_headings : int
         How many first columns name the row.
+    facts : bool
+        A list of item and value, whose column headings need not be seen.
     """
 
     key: str
     frame: pd.DataFrame
     caption: str
     origin: tuple[Origin, ...]
+    headings: Mapping[str, str] = field(default_factory=dict)
     formats: Mapping[str, str] = field(default_factory=dict)
     printed: tuple[str, ...] = ()
     groups: tuple[tuple[str, int], ...] = ()
     row_headings: int = 1
+    facts: bool = False
 
     def __post_init__(self) -> None:
         if not self.origin or not self.caption:
             raise ValueError(f"table {self.key!r}: a caption and an origin are required")
         if self.printed and Origin.PRINTED not in self.origin:
             raise ValueError(f"table {self.key!r}: has printed columns, so its origin must say so")
-        unknown = {*self.formats, *self.printed} - set(self.frame.columns)
+        unknown = {*self.headings, *self.formats, *self.printed} - set(self.frame.columns)
         if unknown:
             raise ValueError(f"table {self.key!r}: no column {', '.join(sorted(unknown))}")
         if self.groups and sum(n for _, n in self.groups) != len(self.frame.columns):
@@ -181,7 +192,8 @@ class Section:
     blocks: tuple[Block, ...] = ()
     omitted: str | None = None
 
-    def _all(self) -> Iterator[Block]:
+    def flat(self) -> Iterator[Block]:
+        """Every block, parts followed by what is in them."""
         stack = list(reversed(self.blocks))
         while stack:
             block = stack.pop()
@@ -192,19 +204,21 @@ class Section:
     @property
     def tables(self) -> list[Table]:
         """Tables, in order."""
-        return [b for b in self._all() if isinstance(b, Table)]
+        return [b for b in self.flat() if isinstance(b, Table)]
 
     @property
     def figures(self) -> list[Figure]:
         """Figures, in order."""
-        return [b for b in self._all() if isinstance(b, Figure)]
+        return [b for b in self.flat() if isinstance(b, Figure)]
 
     @property
     def sentences(self) -> list[str]:
         """Paragraphs and list items, in order."""
         out: list[str] = []
-        for block in self._all():
-            out += [block.text] if isinstance(block, Text) else list(block.items) if isinstance(block, Points) else []
+        for block in self.flat():
+            out += (
+                [block.text] if isinstance(block, Text) else list(block.items) if isinstance(block, Points) else []
+            )
         return out
 
 

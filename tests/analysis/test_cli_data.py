@@ -95,6 +95,14 @@ def test_check_of_a_missing_file_still_writes_json(capsys, tmp_path):
     assert err == f"prosocial: {tmp_path / 'no.csv'}: no such file\n"
 
 
+def test_check_never_overwrites_what_it_reads(capsys, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(text())
+    status, _, err = run(capsys, "data", "check", path, "--json", path)
+    assert (status, err) == (2, f"prosocial: --json: found '{path}', wanted another file than DATA\n")
+    assert path.read_text() == text()
+
+
 def test_check_under_another_protocol(capsys, tmp_path):
     from models.protocol import PUBLISHED
 

@@ -270,6 +270,34 @@ def test_extremely_improbable_responses(tiny):
     np.testing.assert_allclose(gamma[[2, 4, 5]], [[1 / 3, 2 / 3]] * 3, rtol=1e-12)
 
 
+def types_that_never_change(error):
+    """Two states without transitions; each shows the response of the other with probability `error`."""
+    emission = np.array([[[1 - error, error], [error, 1 - error]]] * 2)
+    return np.array([0.5, 0.5]), np.tile(np.eye(2), (4, 1, 1)), emission
+
+
+def test_evidence_that_turns_round_between_types_that_never_change():
+    """First half for one state, second half for the other: odds of 1e-180 must be remembered."""
+    tables, run = types_that_never_change(1e-6), [(2, 1)] * 30 + [(2, 0)] * 30
+    tree = tree_of([run], PUBLISHED)
+    found = log_likelihood_and_gradient(tree, *tables, INDEX)
+    assert_log_close(found.log_likelihood, recursions.log_space_likelihood(run, *tables, INDEX))
+    np.testing.assert_allclose(tables[0] * found.initial, [0.5, 0.5], rtol=1e-9)
+    np.testing.assert_allclose(smooth(tree, *tables, INDEX).probability, 0.5, rtol=1e-9)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="known limit: a state whose share falls below 1e-308 within a run is lost, though later evidence may "
+    "favour it; needs states that cannot reach each other (zeros in T) and evidence beyond those odds",
+)
+def test_odds_beyond_the_range_of_a_double_are_remembered():
+    tables, run = types_that_never_change(1e-6), [(2, 1)] * 60 + [(2, 0)] * 60
+    found = log_likelihood_and_gradient(tree_of([run], PUBLISHED), *tables, INDEX)
+    assert_log_close(found.log_likelihood, recursions.log_space_likelihood(run, *tables, INDEX))
+    np.testing.assert_allclose(tables[0] * found.initial, [0.5, 0.5], rtol=1e-9)
+
+
 IMPOSSIBLE = (
     np.array([0.5, 0.5]),
     np.tile(np.array([[0.9, 0.1], [0.2, 0.8]]), (4, 1, 1)),

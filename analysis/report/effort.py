@@ -1,0 +1,57 @@
+"""How much work a report puts into its fits, full or quick: stated in the report, never dependent on a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from models.baum_welch import BaumWelch, BaumWelchFit
+from models.events import EventLog
+from models.parameters import Array
+
+BOOTSTRAP_WORK = 6_400_000
+"""Bound on replicates x histories' nodes x states squared: about a minute on two cores."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Settings of the fits of a report.
+
+    Attributes
+    ----------
+    quick : bool
+    restarts, finalists : int
+        Of the longer search.
+    replicates : int
+        Most bootstrap replicates of a shown model.
+    bootstrap_maps : int
+        Cap on EM maps of a replicate.
+    bootstrap_tolerance : float
+        Looser than the search's: the interval is far wider than what is left to gain.
+    """
+
+    quick: bool
+    restarts: int
+    finalists: int
+    replicates: int
+    bootstrap_maps: int = 2000
+    bootstrap_tolerance: float = 1e-6
+
+    @classmethod
+    def of(cls, quick: bool) -> Effort:
+        """Effort of a full or a quick report."""
+        return cls(True, 20, 5, 20) if quick else cls(False, 200, 30, 200)
+
+    def search(self, n_states: int, pins: Mapping[str, Array | None], seed: int) -> BaumWelch:
+        """Settings of the longer search."""
+        return BaumWelch(n_states, restarts=self.restarts, finalists=self.finalists, pins=pins, seed=seed)
+
+    def for_bootstrap(self, fit: BaumWelchFit) -> BaumWelchFit:
+        """Same fit with the settings its replicates are refitted with."""
+        settings = replace(fit.settings, max_maps=self.bootstrap_maps, tolerance=self.bootstrap_tolerance)
+        return replace(fit, settings=settings)
+
+    def replicates_for(self, log: EventLog, n_states: int) -> int:
+        """Bootstrap replicates that stay within `BOOTSTRAP_WORK`: tens, at least 20."""
+        affordable = BOOTSTRAP_WORK // (log.tree().n_nodes * n_states**2)
+        return max(20, min(self.replicates, affordable // 10 * 10))

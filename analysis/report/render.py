@@ -1,0 +1,119 @@
+"""Sections to one self-contained HTML page: figures inline, no script, nothing fetched."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from analysis.report.context import ReportContext
+from analysis.report.section import Figure, Section, Table
+
+TEMPLATES = Path(__file__).parent / "templates"
+MINUS = "\N{MINUS SIGN}"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A drawn panel: the SVG element and its natural width in CSS pixels."""
+
+    svg: Markup
+    width: int
+
+
+def render(sections: Sequence[Section], context: ReportContext) -> str:
+    """Draw every figure and fill the page; an exception in a figure fails the report."""
+    numbers: dict[str, int] = {}
+    for kind in (Figure, Table):
+        blocks = [b for s in sections for b in s.flat() if isinstance(b, kind)]
+        numbers |= {b.key: i for i, b in enumerate(blocks, start=1)}
+        if len({b.key for b in blocks}) < len(blocks):
+            raise ValueError(f"two {kind.__name__.lower()}s of the report have the same key")
+    page = _environment().get_template("report.html.j2")
+    return page.render(
+        sections=sections,
+        context=context,
+        number=numbers,
+        panels=panels,
+        rows=rows,
+        kind=lambda block: type(block).__name__,
+        css=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8")),
+    )
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def panels(figure: Figure) -> list[Panel]:
+    """Drawn panels, ids made unique to the page and the alternative text put in."""
+    out = []
+    for i, (svg, alt) in enumerate(zip(figure.svgs(), figure.alt, strict=True)):
+        prefix = f"{figure.key}-{i}-"
+        svg = re.sub(r'\bid="', f'id="{prefix}', svg)
+        svg = re.sub(r'href="#', f'href="#{prefix}', svg)
+        svg = re.sub(r"url\(#", f"url(#{prefix}", svg)
+        points = re.search(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"', svg)
+        assert points is not None
+        width = round(float(points[1]) * 96 / 72)
+        # The size is the page's business; the view box keeps the proportions.
+        svg = re.sub(r'( width="[\d.]+pt"| height="[\d.]+pt")', "", svg, count=2)
+        label = Markup.escape(alt)
+        svg = svg.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+        out.append(Panel(Markup(svg), width))  # noqa: S704 - made by matplotlib, labels escaped
+    return out
+
+
+def rows(table: Table) -> list[list[dict[str, Any]]]:
+    """Cells of a table: text, whether it names the row, whether it is a number, whether it was printed elsewhere."""
+    columns = list(table.frame.columns)
+    out = []
+    for values in table.frame.itertuples(index=False, name=None):
+        cells = []
+        for i, (column, value) in enumerate(zip(columns, values, strict=True)):
+            cells.append(
+                {
+                    "text": shown(value, table.formats.get(column, "")),
+                    "heading": i < table.row_headings,
+                    "number": column in table.formats,
+                    "printed": column in table.printed,
+                }
+            )
+        out.append(cells)
+    return out
+
+
+def shown(value: Any, spec: str = "") -> str:
+    """Write one value for people.
+
+    Examples
+    --------
+    >>> shown(-560.234, ".2f"), shown(None), shown(True), shown(float("inf"), ".1f"), shown(1200, ",d")
+    ('−560.23', '–', 'yes', '∞', '1,200')
+    """
+    if value is None or (isinstance(value, float | np.floating) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating) and math.isinf(value):
+        return "∞" if value > 0 else f"{MINUS}∞"
+    if not spec:
+        return str(value)
+    if spec.endswith("d"):
+        value = int(value)
+    return format(value, spec).replace("-", MINUS)

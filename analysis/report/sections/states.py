@@ -1,0 +1,147 @@
+"""Section: how many states, by every criterion a point estimate offers, beside the published procedure."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pandas as pd
+
+from analysis.figures.state_number import information_criteria, log_likelihoods, optima
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, Origin, Table, Text
+from models.baum_welch import BaumWelchFit
+
+
+def make(context: ReportContext) -> tuple[Block, ...]:
+    """Table and curves of the criteria, and where restarts ended."""
+    study = context.study
+    lowest_aic = min(study.fits, key=lambda k: study.fits[k].aic)
+    summary = (
+        f"BIC is lowest at {_states(study.best_by_bic)}, AIC at {_states(lowest_aic)}, and the log-likelihood, the "
+        f"paper's criterion, is highest at {_states(study.best_by_log_likelihood)}. The sample size in BIC is the "
+        f"number of recorded responses ({context.log.n_responses_recorded:,})."
+    )
+    capped = [k for k, fit in study.fits.items() if not fit.converged]
+    blocks: list[Block] = [Text(summary)]
+    if capped:
+        names = " and ".join(_states(k) for k in capped)
+        blocks.append(Text(f"The best run did not converge within the cap at {names}.", "warning"))
+    blocks += [_criteria(context), _curves(context), Text(study.restarts_sentence), _optima(context)]
+    return tuple(blocks)
+
+
+def _states(k: int) -> str:
+    return f"{k} state{'s' * (k != 1)}"
+
+
+def _printed(context: ReportContext) -> tuple[int, float]:
+    em = context.published["em"]
+    return int(em["selected_states"]), float(em["log_likelihood_4_states"])
+
+
+def _criteria(context: ReportContext) -> Table:
+    study = context.study
+    printed_states, printed_value = _printed(context)
+    with_printed = context.is_published_protocol and printed_states in study.fits
+    rows = []
+    for k, fit in study.fits.items():
+        row: dict[str, object] = {
+            "states": k, "n_parameters": fit.n_parameters, "ll": fit.log_likelihood, "aic": fit.aic, "bic": fit.bic,
+            **_search(fit, ""),
+        }  # fmt: skip
+        if study.paper_fits:
+            paper = study.paper_fits[k]
+            row |= {"paper_ll": paper.log_likelihood, **_search(paper, "paper_")}
+        if with_printed:
+            row["printed"] = printed_value if k == printed_states else None
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    headings = {
+        "n_parameters": "free parameters", "ll": "log-likelihood", "aic": "AIC", "bic": "BIC",
+        "best": "runs at the best", "gap": "gap to the next", "paper_ll": "log-likelihood",
+        "paper_converged": "converged", "paper_best": "runs at the best", "paper_gap": "gap to the next",
+        "printed": "log-likelihood",
+    }  # fmt: skip
+    formats = {"states": "d", "n_parameters": "d", "ll": ".2f", "aic": ".1f", "bic": ".1f", "gap": ".2f",
+               "paper_ll": ".2f", "paper_gap": ".2f", "printed": ".2f"}  # fmt: skip
+    groups = [("", 1), ("longer search", 7)]
+    if study.paper_fits:
+        groups.append(("published procedure, same data", 4))
+    origin: tuple[Origin, ...] = (context.origin,)
+    caption = (
+        "Criteria by number of states. Log-likelihoods are in nats; AIC and BIC are better when lower. Converged "
+        "speaks of the best run. Runs at the best: how many of the final runs ended within 0.01 of the best."
+    )
+    if with_printed:
+        groups.append(("printed in the paper (other data)", 1))
+        origin = (context.origin, Origin.PRINTED)
+        if not context.is_published_design:
+            caption += (
+                " The printed value is of another study of another size and cannot be compared with this one."
+            )
+    return Table(
+        "criteria", frame, caption, origin,
+        headings={k: v for k, v in headings.items() if k in frame.columns},
+        formats={k: v for k, v in formats.items() if k in frame.columns},
+        printed=("printed",) if with_printed else (), groups=tuple(groups),
+    )  # fmt: skip
+
+
+def _search(fit: BaumWelchFit, prefix: str) -> dict[str, object]:
+    return {
+        f"{prefix}converged": fit.converged,
+        f"{prefix}best": f"{fit.optima[0].restarts} of {fit.runs_in_final_stage}",
+        f"{prefix}gap": fit.gap_to_second,
+    }
+
+
+def _curves(context: ReportContext) -> Figure:
+    study = context.study
+    own = {k: fit.log_likelihood for k, fit in study.fits.items()}
+    paper = {k: fit.log_likelihood for k, fit in study.paper_fits.items()}
+    bic = {k: fit.bic for k, fit in study.fits.items()}
+    aic = {k: fit.aic for k, fit in study.fits.items()}
+    printed = _printed(context) if context.is_published_design else None
+    caption = (
+        "Left: log-likelihood by number of states. It cannot fall as states are added when the search finds the "
+        "maximum. Right: the criteria that charge for parameters, the lowest circled."
+    )
+    origin: tuple[Origin, ...] = (context.origin,)
+    if printed:
+        caption += (
+            " The star is the number printed in the paper, of other data: level with this study only by design."
+        )
+        origin = (context.origin, Origin.PRINTED)
+    alt_ll = "Log-likelihood of the longer search: " + _listed(own, ".1f")
+    if paper:
+        alt_ll += "; of the published procedure: " + _listed(paper, ".1f")
+    if printed:
+        alt_ll += f"; printed in the paper: {printed[1]:.2f} at {printed[0]} states"
+    alt_ic = f"BIC: {_listed(bic, '.1f')}; AIC: {_listed(aic, '.1f')}"
+    panels = (partial(log_likelihoods, own, paper, printed), partial(information_criteria, bic, aic))
+    return Figure("criteria-by-states", panels, caption, (f"{alt_ll}.", f"{alt_ic}."), origin)
+
+
+def _listed(values: dict[int, float], spec: str) -> str:
+    return ", ".join(f"{value:{spec}} at {k}" for k, value in values.items())
+
+
+def _optima(context: ReportContext) -> Figure:
+    study = context.study
+    pairs = [(fit, study.paper_fits.get(k)) for k, fit in study.fits.items() if k > 1] or [
+        (fit, study.paper_fits.get(k)) for k, fit in study.fits.items()
+    ]
+    alt = []
+    for fit, paper in pairs:
+        text = (
+            f"{_states(fit.n_states)}: {fit.optima[0].restarts} of {fit.runs_in_final_stage} final runs at the best"
+        )
+        if paper is not None:
+            reached = sum(o.restarts for o in paper.optima if fit.log_likelihood - o.log_likelihood <= 0.01)
+            text += f"; {reached} of {paper.runs_in_final_stage} restarts of the published procedure reach it"
+        alt.append(f"{text}.")
+    caption = (
+        "Where the restarts ended, below the best log-likelihood found by either search: bars above the line are the "
+        "finalists of the longer search, hatched bars below it the restarts of the published procedure."
+    )
+    return Figure("optima", tuple(partial(optima, *pair) for pair in pairs), caption, tuple(alt), (context.origin,))

@@ -20,7 +20,7 @@ from analysis.cli_options import (
 
 if TYPE_CHECKING:
     from analysis.em_study import EmStudy
-    from models.baum_welch import BaumWelchFit
+    from models.baum_welch_fit import BaumWelchFit
 
 DataArgument = Annotated[str, typer.Argument(metavar="DATA", help="A registered data set, or an event file.")]
 ConditionOption = Annotated[

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.baum_welch import BaumWelch, BaumWelchFit
+from models.baum_welch import BaumWelch
+from models.baum_welch_fit import BaumWelchFit
 from models.bootstrap import Bootstrap, parametric_bootstrap
 from models.errors import located
 from models.events import EventLog

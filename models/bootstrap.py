@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.baum_welch import BaumWelchFit, Progress, refine
+from models.baum_welch import Progress, refine
+from models.baum_welch_fit import BaumWelchFit
 from models.errors import located
 from models.events import EventLog
 from models.labels import canonical_order, permute

@@ -175,7 +175,8 @@ def _grow(
     """Insert every run; returns parent and symbol of each node, and the last node of each run."""
     longest = int(np.diff(offsets).max())
     table = np.full(DENSE * n_actions * n_records, -1, np.int32)
-    nodes, run = 1, 0
+    nodes: int = 1
+    run: int = 0
     run_node = np.empty(len(offsets) - 1, np.int64)
     columns = np.full((4, max(1024, 2 * longest)), -1, np.int64)
     while True:
@@ -201,7 +202,7 @@ def _insert(  # type: ignore[no-untyped-def]
     for run in range(first_run, len(run_node)):
         if nodes + offsets[run + 1] - offsets[run] > len(parent):
             return nodes, run
-        node = 0
+        node = np.int64(0)
         for event in range(offsets[run], offsets[run + 1]):
             code = np.int64(action[event]) * n_records + np.int64(response[event]) + 1
             if node < DENSE:
@@ -211,7 +212,7 @@ def _insert(  # type: ignore[no-untyped-def]
                 while found >= 0 and symbol[found] != code:
                     found = sibling[found]
             if found < 0:
-                found = nodes
+                found = np.int64(nodes)
                 nodes += 1
                 parent[found], symbol[found] = node, code
                 if node < DENSE:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.baum_welch import BaumWelchFit
+from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.forward_backward import log_likelihood_and_gradient
 from models.parameters import Array, Layout

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from analysis.figures.style import COLOURS, FAINT, INK, PRINTED_COLOUR, PRINTED_MARKER, axes, styled
-from models.baum_welch import BaumWelchFit, Optimum
+from models.baum_welch_fit import BaumWelchFit, Optimum
 
 
 @styled

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from models.baum_welch import BaumWelch, BaumWelchFit
+from models.baum_welch import BaumWelch
+from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.parameters import Array
 

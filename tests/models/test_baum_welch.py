@@ -130,8 +130,8 @@ def test_the_papers_procedure_is_plain_and_single_stage(study):
     result = replace(paper, restarts=3).fit(study)
     assert result.screened.size == 0
     assert result.runs_in_final_stage == 3
-    assert not result.is_paper_procedure
-    assert BaumWelch.paper(2, seed=3).fit(study.select(runs=np.arange(40))).is_paper_procedure
+    assert not result.settings.is_paper
+    assert BaumWelch.paper(2, seed=3).fit(study.select(runs=np.arange(40))).settings.is_paper
 
 
 def test_pinned_tables_are_held(study):

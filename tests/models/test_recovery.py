@@ -31,7 +31,7 @@ def truth() -> LatentStatePOMDP:
 
 
 def varied_design(people: int, rounds: int, rng: np.random.Generator) -> EventLog:
-    """60 rows of random modes and actions, dealt to people in turn: varied within a person, few distinct histories."""
+    """60 rows of random modes and actions, dealt to people in turn: varied within a person, few histories."""
     rows = rng.integers(PUBLISHED.n_actions, size=(60, rounds)).astype(np.int8)
     action = rows[np.arange(people) % 60].ravel()
     shows = np.asarray(PUBLISHED.emission_index)[action] >= 0

@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.figures.state_number import information_criteria, log_likelihoods, optima
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Origin, Table, Text
-from models.baum_welch import BaumWelchFit
+from models.baum_welch_fit import BaumWelchFit
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:

@@ -1,0 +1,35 @@
+"""The report as PDF, through WeasyPrint, which is an optional extra."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+from models.errors import InputError
+
+
+def available() -> bool:
+    """Whether WeasyPrint is installed."""
+    return importlib.util.find_spec("weasyprint") is not None
+
+
+def to_pdf(page: str) -> bytes:
+    """Turn the page into a PDF; nothing is fetched.
+
+    Raises
+    ------
+    InputError
+        If WeasyPrint, or a system library it needs, is missing.
+    """
+    try:
+        import weasyprint
+    except (ImportError, OSError) as error:
+        raise InputError(
+            f"--pdf: WeasyPrint cannot be used ({error}); install the extra `pdf`, or print the HTML file from a browser"
+        ) from None
+
+    def refuse(url: str, *_: Any, **__: Any) -> Any:
+        raise ValueError(f"the report is self-contained, yet it refers to {url}")
+
+    document: bytes = weasyprint.HTML(string=page, url_fetcher=refuse).write_pdf()
+    return document

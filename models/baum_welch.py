@@ -99,6 +99,21 @@ class BaumWelch:
         )  # fmt: skip
 
     @property
+    def sentence(self) -> str:
+        """The procedure in words."""
+        if self.finalists is None:
+            stages = f"one stage of {self.restarts} restarts"
+        else:
+            final = min(self.finalists, self.restarts)
+            stages = f"{self.restarts} restarts of {self.screening_maps} EM maps, the best {final} run on"
+        accelerated = "accelerated (SQUAREM)" if self.accelerate else "plain EM"
+        paper = "; the published procedure, whose cap and tolerance are unprinted" if self.is_paper else ""
+        return (
+            f"Search: {stages} until the gain stays below {self.tolerance:g} for {self.patience} iterate"
+            f"{'s' if self.patience > 1 else ''} or {self.max_maps:,} EM maps are reached, {accelerated}{paper}."
+        )
+
+    @property
     def is_paper(self) -> bool:
         """Whether these are the settings of `paper`, pins aside."""
         return replace(self, pins={}) == BaumWelch.paper(self.n_states, seed=self.seed)

@@ -12,6 +12,12 @@ class InputError(ValueError):
     """
 
 
+class Phrase(str):
+    """What was found, in words: shown without quotation marks, which are for the user's own text."""
+
+    __slots__ = ()
+
+
 def located(place: str, found: Any, wanted: str) -> InputError:
     """Build the house's standard error message.
 
@@ -30,7 +36,7 @@ def located(place: str, found: Any, wanted: str) -> InputError:
     Traceback (most recent call last):
     models.errors.InputError: events.csv, line 7, column k: found 3, wanted 2: events are numbered 0, 1, 2, ...
     """
-    shown = repr(found) if isinstance(found, str) else str(found)
+    shown = repr(found) if isinstance(found, str) and not isinstance(found, Phrase) else str(found)
     if len(shown) > 200:
         shown = shown[:197] + "..."
     return InputError(f"{place}: found {shown}, wanted {wanted}")

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from models.errors import located
+from models.errors import Phrase, located
 from models.event_rules import (
     COLUMNS,
     INTEGER_COLUMNS,
@@ -95,7 +95,7 @@ class EventLog:
             With every broken rule (see `Problem`).
         """
         if len(cast(NDArray, columns["k"])) == 0:
-            raise located(place, "no events", "at least one row below the header")
+            raise located(place, Phrase("no events"), "at least one row below the header")
         if protocol.n_actions > 127 or protocol.n_responses > 127:
             raise located(f"{place}, protocol", protocol.n_actions, "at most 127 actions and 127 responses")
         study, condition = cast(Coded, columns["study"]), cast(Coded, columns["condition"])
@@ -240,7 +240,7 @@ class EventLog:
             chosen[runs] = True
             keep &= chosen
         if not keep.any():
-            raise located("selection", "no runs", "at least one run of the log")
+            raise located("selection", Phrase("no runs"), "at least one run of the log")
         events = np.repeat(keep, np.diff(self.offsets))
         lengths = np.diff(self.offsets)[keep]
         used = np.unique(self.condition[keep])

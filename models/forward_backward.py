@@ -127,7 +127,7 @@ def history_log_likelihoods(
 def smooth(
     tree: HistoryTree, initial: Array, transition: Array, emission: Array, emission_index: NDArray[np.int64]
 ) -> Smoothed:
-    """Smoothed state probabilities of every event of every distinct history."""
+    """Smoothed state probabilities of every event of every distinct history; NaN where it is impossible."""
     work = np.empty((2, tree.n_nodes, len(initial)))
     scale = np.empty((2, tree.n_nodes))
     forward(tree.arrays, initial, transition, emission, emission_index, work, scale)

@@ -126,6 +126,12 @@ class HistoryTree:
         """
         if ends.shape != self.arrays.ends.shape:
             raise located("counts, shape", ends.shape, str(self.arrays.ends.shape))
+        if not np.all(ends >= 0):
+            raise located("counts", float(np.min(ends)), "non-negative numbers")
+        stray = ends.copy()
+        stray[self.terminals] = 0
+        if np.any(stray):
+            raise located("counts, node", int(np.flatnonzero(stray)[0]), "zero where no run ends")
         return replace(self, arrays=self.arrays._replace(ends=np.ascontiguousarray(ends, dtype=np.float64)))
 
     def with_runs(self, run_weight: NDArray[np.float64]) -> HistoryTree:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError, located
+from models.errors import InputError, Phrase, located
 from models.lspomdp import LatentStatePOMDP, check_rows, default_state_names
 from models.model_files import model_from_dict
 from models.protocol import Protocol
+from models.reward import Reward, default_x
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,10 @@ class ModelDraws:
         Non-negative, summing to one.
     provenance : mapping
         Where the draws come from: data, model, seed, versions.
+    state_names : tuple of str
+        Names shared by all draws; the defaults for this number of states unless given.
+    reward : Reward, optional
+        Reward shared by all draws; the published one unless given.
     """
 
     protocol: Protocol
@@ -39,6 +44,8 @@ class ModelDraws:
     emission: Array
     weight: Array
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    state_names: tuple[str, ...] = ()
+    reward: Reward | None = None
 
     def __post_init__(self) -> None:
         d, s = self.initial.shape if self.initial.ndim == 2 else (0, 0)
@@ -82,9 +89,14 @@ class ModelDraws:
             raise located("model draws", 0, "at least one model")
         for i, model in enumerate(models):
             if model.protocol != models[0].protocol or model.n_states != models[0].n_states:
-                found = f"{model.n_states} states, protocol {model.protocol.name!r}"
+                found = Phrase(f"{model.n_states} states, protocol {model.protocol.name!r}")
                 wanted = f"{models[0].n_states} states, protocol {models[0].protocol.name!r}, as draw 0"
                 raise located(f"model draws, draw {i}", found, wanted)
+            if model.reward != models[0].reward or model.state_names != models[0].state_names:
+                raise InputError(
+                    f"model draws, draw {i}: its reward or state names differ from those of draw 0; draws of one "
+                    "posterior share both"
+                )
         n = len(models)
         return cls(
             models[0].protocol,
@@ -93,6 +105,8 @@ class ModelDraws:
             np.stack([m.emission for m in models]),
             np.full(n, 1.0 / n) if weight is None else np.asarray(weight, dtype=np.float64),
             dict(provenance or {}),
+            models[0].state_names,
+            models[0].reward,
         )
 
     @classmethod
@@ -100,7 +114,7 @@ class ModelDraws:
         """One model object, or a list of them, each with an optional `weight` (all or none of them)."""
         entries = content if isinstance(content, list) else [content]
         if not entries:
-            raise located(place, "an empty list", "at least one model object")
+            raise located(place, Phrase("an empty list"), "at least one model object")
         models = [model_from_dict(e, f"{place}, model {i}", protocol) for i, e in enumerate(entries)]
         given = ["weight" in e for e in entries]
         if any(given) and not all(given):
@@ -117,7 +131,8 @@ class ModelDraws:
         """One draw as a model."""
         return LatentStatePOMDP(
             self.initial[draw], self.transition[draw], self.emission[draw], self.protocol,
-            default_state_names(self.n_states),
+            self.state_names or default_state_names(self.n_states),
+            self.reward or Reward(default_x(self.n_states)),
         )  # fmt: skip
 
     def __iter__(self) -> Iterator[LatentStatePOMDP]:
@@ -136,7 +151,7 @@ class ModelDraws:
         weight = self.weight[keep]
         return ModelDraws(
             self.protocol, self.initial[keep], self.transition[keep], self.emission[keep],
-            weight / weight.sum(), self.provenance,
+            weight / weight.sum(), self.provenance, self.state_names, self.reward,
         )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import InputError, located
-from models.lspomdp import LatentStatePOMDP
+from models.lspomdp import ROW_TOLERANCE, LatentStatePOMDP
 from models.protocol import PUBLISHED, Protocol
 from models.reward import PUBLISHED_R, Reward, default_x
 
@@ -81,6 +81,8 @@ def model_from_dict(
     shape = (n, protocol.n_responses)
     if "emission" in content:
         emission = _tables(f"{place}, emission", content["emission"], protocol.emission_actions, shape)
+        if "help_probability" in content and protocol.n_responses == 2:
+            _same_help(place, content["help_probability"], emission, protocol)
     elif "help_probability" in content and protocol.n_responses == 2:
         high = _tables(f"{place}, help_probability", content["help_probability"], protocol.emission_actions, (n,))
         out_of_range = (high < 0) | (high > 1)
@@ -146,6 +148,17 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 def write_text(path: str | Path, content: str) -> None:
     """Write UTF-8 text through `write_bytes`."""
     write_bytes(path, content.encode())
+
+
+def _same_help(place: str, shorthand: Any, emission: NDArray[np.float64], protocol: Protocol) -> None:
+    """Refuse a shorthand that contradicts the table beside it."""
+    table = emission[:, :, int(np.argmax(protocol.scores))]
+    high = _tables(f"{place}, help_probability", shorthand, protocol.emission_actions, table.shape[1:])
+    off = np.abs(high - table) > ROW_TOLERANCE
+    if np.any(off):
+        i, s = np.argwhere(off)[0]
+        where = f"{place}, help_probability, action {protocol.emission_actions[i]}, state {s}"
+        raise located(where, float(high[i, s]), f"{table[i, s]:g}, which the file's emission table says")
 
 
 def _tables(place: str, value: Any, names: tuple[str, ...], shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -51,6 +51,9 @@ class Reward:
             raise located("reward, x", self.x, "finite numbers, one a state")
         if not np.isfinite(self.r):
             raise located("reward, r", self.r, "a finite number")
+        for name, cost in self.costs.items():
+            if not np.isfinite(cost):
+                raise located(f"reward, cost of {name}", cost, "a finite number")
 
     def prosocial(self) -> NDArray[np.float64]:
         r"""Part that depends on the state: :math:`\exp(r x_s) - \exp(r x_0)`, shape ``[s]``."""

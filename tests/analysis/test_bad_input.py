@@ -25,7 +25,7 @@ CORRUPT = PACKED[:40] + bytes(b ^ 0xFF for b in PACKED[40:44]) + PACKED[44:]
 FILES = {
     "empty": (b"", ": the file is empty"),
     "empty gzip": (gzip.compress(b""), ": the gzipped file holds nothing"),
-    "header only": ((HEADER + "\n").encode(), ": found 'no events', wanted at least one row below the header"),
+    "header only": ((HEADER + "\n").encode(), ": found no events, wanted at least one row below the header"),
     "empty first line": (b"\n" + CONTENT, ", line 1: found '', wanted a header with the names of the columns"),
     "missing column": (
         text(*(r.rsplit(",", 1)[0] for r in ROWS), header=HEADER.rsplit(",", 1)[0]).encode(),

@@ -284,6 +284,7 @@ def test_strict_alternation_leaves_directions_flat():
 def test_one_repeated_mode_ends_strict_alternation():
     alternating = [[(3, 0), (1, -1), (2, 1)], [(0, -1), (2, 1)]]
     assert strictly_alternating(design_of(alternating))
+    assert strictly_alternating(design_of(alternating[::-1]))  # one run ends in the mode the next begins with
     assert not strictly_alternating(design_of([*alternating, [(3, 0), (2, 0)]]))
     assert not strictly_alternating(design_of([[(3, 0)], [(1, -1)]]))  # nothing follows anything
     assert constant_actions(design_of([[(3, 0), (1, -1), (3, 1)], [(0, -1), (2, 1)]]))

@@ -190,6 +190,20 @@ def test_zeros_stay_zero(accelerate):
     assert_on_simplex(tables)
 
 
+@pytest.mark.parametrize("accelerate", [False, True])
+def test_single_entries_may_be_pinned_at_zero_although_the_prior_would_fill_them(accelerate):
+    rng = np.random.default_rng(8)
+    initial, transition, emission = random_tables(rng, PUBLISHED, 3)
+    transition[2] = [[0.5, 0.5, 0.0], [0.0, 0.3, 0.7], [0.0, 0.0, 1.0]]
+    runs = [[(2, int(o)) for o in rng.integers(2, size=6)] for _ in range(20)]
+    problem = plain_problem(Case(PUBLISHED, runs, initial, transition, emission), 0.5)
+    problem.free[1][transition == 0] = False
+    tables, trace, *_ = problem.run(cap=100, accelerate=accelerate)
+    assert np.array_equal(tables[1] == 0, transition == 0)
+    assert_on_simplex(tables)
+    assert np.all(np.diff(trace) >= -1e-11 * np.abs(trace[1:]))
+
+
 def test_an_impossible_start_returns_at_once():
     initial, transition, emission = random_tables(np.random.default_rng(1), PUBLISHED, 2)
     emission[0] = [[1, 0], [1, 0]]
@@ -253,6 +267,36 @@ def test_patience_counts_quiet_iterates_in_a_row():
     assert np.diff(short[1])[-1] < 1e-3
     assert np.all(np.diff(short[1])[:-1] >= 1e-3)
     assert len(longer[1]) >= len(short[1]) + 3
+
+
+def quiet_from(gains, tolerance, patience):
+    """Number of iterates after which `patience` gains in a row were below the tolerance."""
+    quiet = 0
+    for i, gain in enumerate(gains):
+        quiet = quiet + 1 if gain < tolerance else 0
+        if quiet == patience:
+            return i + 1
+    return None
+
+
+def test_a_gain_in_between_starts_the_count_again():
+    """Extrapolated steps gain unevenly, so quiet iterates need not come in a row."""
+    _, problem = easy_problem()
+    rng = np.random.default_rng(6)
+    interrupted = 0
+    for _ in range(8):
+        start = random_tables(rng, PUBLISHED, 2)
+        gains = np.diff(problem.run(cap=400, accelerate=True, start=start)[1])
+        for tolerance, patience in ((1e-1, 3), (1e-2, 3), (1e-3, 4), (1e-4, 5)):
+            wanted = quiet_from(gains, tolerance, patience)
+            _, trace, *_, converged = problem.run(
+                cap=400, tolerance=tolerance, patience=patience, accelerate=True, start=start
+            )
+            assert converged == (wanted is not None)
+            if wanted is not None:
+                assert len(trace) == wanted + 1
+                interrupted += np.sum(gains[:wanted] < tolerance) > patience
+    assert interrupted > 0
 
 
 def test_equal_runs_in_another_order_give_the_same_bits():

@@ -329,7 +329,7 @@ def test_long_ids_keep_every_digit():
 def test_missing_columns_and_empty_logs_are_refused():
     with pytest.raises(InputError, match=r"^x\.csv, columns: found \[.*\], wanted also condition, k$"):
         EventLog.from_frame(frame().drop(columns=["k", "condition"]), place="x.csv")
-    with pytest.raises(InputError, match=r"^x\.csv: found 'no events', wanted at least one row below the header$"):
+    with pytest.raises(InputError, match=r"^x\.csv: found no events, wanted at least one row below the header$"):
         EventLog.from_frame(frame().iloc[:0], place="x.csv")
 
 
@@ -423,7 +423,7 @@ def test_select_equals_filtering_the_frame():
 def test_selections_that_find_nothing_are_refused():
     with pytest.raises(InputError, match=r"condition: found 'S', wanted one of S\+, S-, control"):
         LOG.select(conditions=["S"])
-    with pytest.raises(InputError, match="selection: found 'no runs', wanted at least one run of the log"):
+    with pytest.raises(InputError, match="selection: found no runs, wanted at least one run of the log"):
         LOG.select(participants=np.array([2]))
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from models.errors import InputError
 from models.forward_backward import log_likelihood_and_gradient
-from models.histories import UNSEEN, HistoryTree
+from models.histories import DENSE, UNSEEN, HistoryTree
 from models.protocol import PUBLISHED
 from tests.random_cases import cases, random_run, random_tables, tree_of
 from tests.reference.compression import compress
@@ -100,14 +100,22 @@ def test_missing_and_seen_are_different_histories():
     assert tree.arrays.action.tolist() == [-1, 2, 2, 2]
 
 
-def test_more_nodes_than_the_first_allocation():
+def test_more_nodes_than_the_table_of_children_and_the_first_allocation():
+    """Beyond `DENSE` nodes children are found along lists: histories must be shared and branch there too."""
     rng = np.random.default_rng(5)
-    runs = [random_run(rng, PUBLISHED, 40, 0.1) for _ in range(200)]
+    runs = [random_run(rng, PUBLISHED, 40, 0.1) for _ in range(600)]
+    late = runs[-60:]
+    runs += [
+        run[: rng.integers(20, 40)] + random_run(rng, PUBLISHED, 3, 0.1) for run in late for _ in range(8)
+    ] + late
     tree = tree_of(runs, PUBLISHED)
     beginnings, ends = compress(runs)
-    assert tree.n_nodes == len(beginnings) > 4096
+    assert tree.n_nodes == len(beginnings) > DENSE + 5000
     assert tree.arrays.ends.tolist() == ends
+    assert tree.arrays.ends.max() >= 2
     assert all(events_of(tree, node) == tuple(run) for node, run in zip(tree.run_node, runs, strict=True))
+    shuffled = tree_of([runs[i] for i in rng.permutation(len(runs))], PUBLISHED)
+    assert_same_tree(tree, shuffled)
     value = log_likelihood_and_gradient(tree, *random_tables(rng, PUBLISHED, 2), np.array(PUBLISHED.emission_index))
     assert np.isfinite(value.log_likelihood)
 
@@ -146,3 +154,16 @@ def test_weights_of_the_wrong_shape_are_refused():
         tree.with_counts(np.ones(2))
     with pytest.raises(InputError, match=r"run weights, shape: found \(3,\), wanted \(2,\)"):
         tree.with_runs(np.ones(3))
+
+
+def test_counts_must_be_weights_of_histories():
+    tree = HistoryTree.build(
+        np.array([0, 2, 3]), np.array([2, 0, 1], np.int8), np.array([1, -1, -1], np.int8), 4, 2
+    )
+    ends = tree.arrays.ends.copy()
+    with pytest.raises(InputError, match="counts: found -1"):
+        tree.with_counts(-ends)
+    inner = next(n for n in range(1, tree.n_nodes) if ends[n] == 0)
+    ends[inner] = 2.0
+    with pytest.raises(InputError, match=f"counts, node: found {inner}, wanted zero where no run ends"):
+        tree.with_counts(ends)

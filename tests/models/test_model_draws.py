@@ -10,6 +10,7 @@ from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.model_files import model_to_dict
 from models.protocol import PUBLISHED
+from models.reward import Reward
 from tests.models.test_protocol import THREE
 from tests.random_cases import random_tables
 
@@ -74,7 +75,7 @@ def test_a_row_that_is_no_distribution_is_named_by_draw():
 
 
 def test_models_of_different_kinds_do_not_mix():
-    with pytest.raises(InputError, match=r"draw 2: found .3 states, protocol .*published.*, wanted 2 states"):
+    with pytest.raises(InputError, match=r"draw 2: found 3 states, protocol .*published.*, wanted 2 states"):
         ModelDraws.from_models([*many(2), *many(1, 3)])
     with pytest.raises(InputError, match=r"draw 1: found .2 states, protocol .*three of each.*, wanted 2 states"):
         ModelDraws.from_models([*many(1), *many(1, 2, THREE)])
@@ -141,7 +142,19 @@ def test_from_json_names_the_model_at_fault():
     entries[1]["initial"] = [0.5, 0.6]
     with pytest.raises(InputError, match=r"^x, model 1: model, initial, sum of the row: found '1\.1'"):
         ModelDraws.from_json(entries, "x")
-    with pytest.raises(InputError, match=r"^x: found 'an empty list', wanted at least one model object$"):
+    with pytest.raises(InputError, match=r"^x: found an empty list, wanted at least one model object$"):
         ModelDraws.from_json([], "x")
     with pytest.raises(InputError, match=r"^x, model 0: found 'str', wanted a JSON object$"):
         ModelDraws.from_json("model", "x")
+
+
+def test_reward_and_state_names_travel_with_the_draws():
+    tables = random_tables(np.random.default_rng(3), PUBLISHED, 2)
+    names, reward = ("cold", "warm"), Reward((1.0, 2.0), 0.5, {"help": 3.0})
+    own = LatentStatePOMDP(*tables, PUBLISHED, names, reward)
+    draws = ModelDraws.from_models([own, own, own]).thin(2)
+    assert draws.model(1).state_names == names
+    assert draws.model(1).reward == reward
+    other = LatentStatePOMDP(*tables, PUBLISHED, names)
+    with pytest.raises(InputError, match="draw 1: its reward or state names differ from those of draw 0"):
+        ModelDraws.from_models([own, other])

@@ -200,3 +200,13 @@ def test_the_calibrated_truth_reads(shared):
     assert truth.n_states == 4
     assert truth.emission[1, :, 1].tolist() == [0.068, 0.687, 0.94, 0.996]
     assert truth.transition[1, 0].tolist() == [0.549, 0.301, 0.117, 0.033]
+
+
+def test_a_shorthand_that_contradicts_the_table_is_refused():
+    content = model_to_dict(model())
+    model_from_dict(content)
+    content["help_probability"]["signal"][2] = 0.123
+    with pytest.raises(
+        InputError, match=r"^m\.json, help_probability, action signal, state s2: found 0\.123, wanted"
+    ):
+        model_from_dict(content, "m.json")

@@ -82,7 +82,7 @@ def model_from_dict(
     if "emission" in content:
         emission = _tables(f"{place}, emission", content["emission"], protocol.emission_actions, shape)
         if "help_probability" in content and protocol.n_responses == 2:
-            _same_help(place, content["help_probability"], emission, protocol)
+            _same_help(place, content["help_probability"], emission, protocol, states)
     elif "help_probability" in content and protocol.n_responses == 2:
         high = _tables(f"{place}, help_probability", content["help_probability"], protocol.emission_actions, (n,))
         out_of_range = (high < 0) | (high > 1)
@@ -150,14 +150,16 @@ def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
 
 
-def _same_help(place: str, shorthand: Any, emission: NDArray[np.float64], protocol: Protocol) -> None:
+def _same_help(
+    place: str, shorthand: Any, emission: NDArray[np.float64], protocol: Protocol, states: list[str]
+) -> None:
     """Refuse a shorthand that contradicts the table beside it."""
     table = emission[:, :, int(np.argmax(protocol.scores))]
     high = _tables(f"{place}, help_probability", shorthand, protocol.emission_actions, table.shape[1:])
     off = np.abs(high - table) > ROW_TOLERANCE
     if np.any(off):
         i, s = np.argwhere(off)[0]
-        where = f"{place}, help_probability, action {protocol.emission_actions[i]}, state {s}"
+        where = f"{place}, help_probability, action {protocol.emission_actions[i]}, state {states[s]}"
         raise located(where, float(high[i, s]), f"{table[i, s]:g}, which the file's emission table says")
 
 

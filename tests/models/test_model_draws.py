@@ -77,7 +77,7 @@ def test_a_row_that_is_no_distribution_is_named_by_draw():
 def test_models_of_different_kinds_do_not_mix():
     with pytest.raises(InputError, match=r"draw 2: found 3 states, protocol .*published.*, wanted 2 states"):
         ModelDraws.from_models([*many(2), *many(1, 3)])
-    with pytest.raises(InputError, match=r"draw 1: found .2 states, protocol .*three of each.*, wanted 2 states"):
+    with pytest.raises(InputError, match=r"draw 1: found 2 states, protocol .*three of each.*, wanted 2 states"):
         ModelDraws.from_models([*many(1), *many(1, 2, THREE)])
     with pytest.raises(InputError, match="model draws: found 0, wanted at least one model"):
         ModelDraws.from_models([])

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import typer
 
-from analysis import cli_bench, cli_data, cli_em
+from analysis import cli_bench, cli_data, cli_em, cli_report
 from models.errors import InputError
 
 app = typer.Typer(
@@ -26,6 +26,7 @@ app = typer.Typer(
 app.add_typer(cli_data.data, name="data")
 app.add_typer(cli_data.simulate, name="simulate")
 app.command("em")(cli_em.em_command)
+app.command("report")(cli_report.report_command)
 app.command("bench")(cli_bench.bench_command)
 
 

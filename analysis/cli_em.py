@@ -99,6 +99,7 @@ def em_command(
     if out is not None:
         files = _write_models(study, Path(out), chosen.dataset.digest, seed)
     report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; seed {seed}")
+    report.say(next(iter(study.fits.values())).settings.sentence)
     for k, fit in study.fits.items():
         report.say(fit.sentence + f" BIC {fit.bic:.1f}.")
         for sentence in study.identifications[k].sentences():

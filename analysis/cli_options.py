@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from models.errors import InputError, located
+from models.errors import InputError, Phrase, located
 
 if TYPE_CHECKING:
     from models.protocol import Protocol
@@ -94,12 +94,12 @@ def check_output(option: str, path: str | Path) -> None:
     """Refuse an output path that cannot be written, before any work is done."""
     path = Path(path)
     if path.is_dir():
-        raise located(f"{option} {path}", "a folder", "the name of a file")
+        raise located(f"{option} {path}", Phrase("a folder"), "the name of a file")
     folder = path.parent
     while not folder.exists():
         folder = folder.parent
     if not folder.is_dir():
-        raise located(f"{option} {path}", f"{folder}, which is a file", "a folder to write into")
+        raise located(f"{option} {path}", Phrase(f"{folder}, which is a file"), "a folder to write into")
 
 
 def write_output(option: str, path: str | Path, content: bytes) -> None:

@@ -19,7 +19,7 @@ from analysis.column_map import ColumnMap, read_map
 from analysis.csv_header import column_names, first_line
 from analysis.csv_problems import EMPTY_NUMBERS, renumbered, text_lines
 from analysis.file_source import FileSource
-from models.errors import located
+from models.errors import Phrase, located
 from models.event_rules import Problems
 from models.events import TOKEN_COLUMNS, Coded, EventLog, EventLogError, Problem
 from models.protocol import MISSING, NO_RESPONSE, PUBLISHED, Protocol
@@ -135,7 +135,7 @@ class _Export:
             for column, i in zip(values, index, strict=True):
                 column.append(fields[i].strip())
         if not lines:
-            raise located(place, "no rows", "at least one row below the header")
+            raise located(place, Phrase("no rows"), "at least one row below the header")
         unused = tuple(name for name in header if name not in wanted)
         return cls(column_map, map_place, dict(zip(wanted, values, strict=True)), lines, unused, Problems(place))
 

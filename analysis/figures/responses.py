@@ -12,6 +12,9 @@ from analysis.figures.style import COLOURS, FAINT, INK, SEQUENTIAL, axes, styled
 CROWDED = 16
 """Rounds beyond which intervals are drawn as a band instead of bars."""
 
+POINTS_AN_INCH = 2.6
+"""Rounds an inch of a panel up to which the numbers of responses fit under the points."""
+
 
 @styled
 def rate_by_round(
@@ -21,9 +24,10 @@ def rate_by_round(
     limits: tuple[float, float],
     title: str = "",
     last_round: int | None = None,
+    width: float = 3.05,
     ax: Axes | None = None,
 ) -> Axes:
-    """Response rate by round with intervals and the number of responses under the axis.
+    """Response rate by round with intervals, and the number of responses at the foot where there is room.
 
     Parameters
     ----------
@@ -36,9 +40,11 @@ def rate_by_round(
     title : str
     last_round : int, optional
         Right end of the axis, so that panels compare.
+    width : float
+        Inches, unless `ax` is given.
     ax : Axes, optional
     """
-    ax = axes(3.05, 2.5) if ax is None else ax
+    ax = axes(width, 2.5) if ax is None else ax
     k, rate = table["k"].to_numpy(), table["rate"].to_numpy()
     low, high = table["low"].to_numpy(), table["high"].to_numpy()
     end = int(k.max()) if last_round is None else last_round
@@ -54,7 +60,7 @@ def rate_by_round(
         )
         ax.plot(k[~known], rate[~known], "o", color=COLOURS[0])
         # Headroom for the counts, which belong to their point.
-        for x, n in zip(k, table["responses"], strict=True):
+        for x, n in zip(k, table["responses"], strict=True) if len(k) <= POINTS_AN_INCH * width else ():
             ax.annotate(
                 f"{n:,}", (x, 0), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
                 ha="center", va="bottom", fontsize=7.2, color=FAINT,
@@ -75,7 +81,6 @@ def rate_heat_map(
     *,
     rows: str,
     columns: str,
-    measure: str,
     limits: tuple[float, float],
     row_order: list[str],
     column_order: list[str],
@@ -83,12 +88,13 @@ def rate_heat_map(
 ) -> Axes:
     """Rate in every cell of two groupings, printed in the cell with the number of people behind it.
 
+    The number is the message; the shade, darker for higher, only guides the eye and needs no scale.
+
     Parameters
     ----------
     table : DataFrame
         Columns named by `rows` and `columns`, and ``rate, people``.
     rows, columns : str
-    measure : str
     limits : tuple of float
     row_order, column_order : list of str
         All cells are shown; those without a response say so.
@@ -99,7 +105,7 @@ def rate_heat_map(
         pd.MultiIndex.from_product([row_order, column_order])
     )
     rates, people = (cells[c].to_numpy().reshape(len(row_order), -1) for c in ("rate", "people"))
-    mesh = ax.pcolormesh(
+    ax.pcolormesh(
         np.ma.masked_invalid(rates), cmap=SEQUENTIAL, vmin=limits[0], vmax=limits[1], edgecolors="white",
         linewidth=2,
     )  # fmt: skip
@@ -118,8 +124,4 @@ def rate_heat_map(
     ax.set(xlabel=columns, ylabel=rows)
     for spine in ax.spines.values():
         spine.set_visible(False)
-    figure = ax.get_figure()
-    assert figure is not None
-    bar = figure.colorbar(mesh, ax=ax, label=measure, fraction=0.05, pad=0.02, ticks=np.linspace(*limits, 3))
-    bar.outline.set_visible(False)
     return ax

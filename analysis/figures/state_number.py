@@ -56,14 +56,11 @@ def information_criteria(bic: Mapping[int, float], aic: Mapping[int, float], *, 
     for values, name, colour, marker, line in (
         (bic, "BIC", COLOURS[0], "o", "-"), (aic, "AIC", COLOURS[2], "D", "--"),
     ):  # fmt: skip
-        ax.plot(list(values), list(values.values()), color=colour, marker=marker, linestyle=line, label=name)
         best = min(values, key=values.__getitem__)
+        label = f"{name}, lowest at {best}"
+        ax.plot(list(values), list(values.values()), color=colour, marker=marker, linestyle=line, label=label)
         ax.plot([best], [values[best]], "o", markersize=13, markerfacecolor="none", markeredgecolor=INK)
-        ax.annotate(
-            f"lowest {name}", (best, values[best]), xytext=(0, 10), textcoords="offset points", ha="center",
-            fontsize=8,
-        )  # fmt: skip
-    ax.set(xlabel="number of states", ylabel="criterion (nats x 2; lower is better)".replace(" x ", " × "))
+    ax.set(xlabel="number of states", ylabel="criterion (2 × nats; lower is better)")
     return _by_states(ax)
 
 
@@ -96,7 +93,7 @@ def optima(own: BaumWelchFit, published: BaumWelchFit | None, *, bins: int = 24,
             hatch=hatch, linewidth=0.6,
         )  # fmt: skip
     ax.axhline(0, color=INK, linewidth=0.8)
-    top = 1.22 * tallest
+    top = 1.38 * tallest
     ax.set_ylim(-top if published is not None else 0, top)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
     ax.yaxis.set_major_formatter(lambda value, _: f"{abs(value):.0f}")

@@ -86,7 +86,7 @@ _MACHINE = ("backend", "interactive", "toolbar", "timezone", "datapath", "keymap
 def style() -> Any:
     """Context in which plots are drawn: matplotlib's defaults plus `SETTINGS`, whatever the user's file says."""
     defaults: dict[Any, Any] = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith(_MACHINE)}
-    return mpl.rc_context({**defaults, **SETTINGS})
+    return mpl.rc_context(defaults | SETTINGS)
 
 
 def axes(width: float = 4.4, height: float = 3.0) -> Axes:
@@ -119,8 +119,8 @@ def to_svg(drawn: Axes | Figure) -> str:
     # A style element would reach beyond its figure once this is part of a page.
     text = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>\s*", "", text, flags=re.DOTALL)
     text = text.replace("<svg ", '<svg style="stroke-linejoin: round; stroke-linecap: butt" ', 1)
-    # Eight decimals of a point are a hundred times what any printer shows, and half of the file.
-    text = re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    # A thousandth of a point is more than any printer shows; six decimals are a third of the file.
+    text = re.sub(r"(\d+\.\d{3})\d+", r"\1", text)
     return re.sub(r"\n\s*", "\n", text).strip()
 
 

@@ -83,7 +83,8 @@ def transition_table(
             ax.text(n + 0.12, i + 0.5, visits, ha="left", va="center", fontsize=7.5, color=FAINT)
         if not evidence.pinned:
             ax.text(n + 0.12, -0.12, "visits", ha="left", va="bottom", fontsize=7.5, color=FAINT)
-    ax.set_xticks(np.arange(n) + 0.5, labels, rotation=30 if n > 2 else 0, ha="right" if n > 2 else "center")
+    slanted = n > 2 and max(map(len, labels)) > 3
+    ax.set_xticks(np.arange(n) + 0.5, labels, rotation=30 if slanted else 0, ha="right" if slanted else "center")
     ax.set_yticks(np.arange(n) + 0.5, labels if evidence.silent else labels_left)
     ax.invert_yaxis()
     ax.tick_params(length=0)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from analysis.datasets import DataSet
 from analysis.design import published
@@ -18,12 +17,12 @@ from analysis.report.pdf import to_pdf
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.render import render
 from analysis.report.section import Section
+from analysis.study_selection import Selection, select
 from models.bootstrap import parametric_bootstrap
 from models.events import EventLog
 from models.model_files import write_bytes, write_text
 from models.parameters import Array
 
-DEFAULT_STATES = (2, 3, 4, 5)
 HTML_NAME, PDF_NAME = "report.html", "report.pdf"
 
 
@@ -37,6 +36,8 @@ class ReportResult:
     pdf : Path or None
         None if it was not asked for.
     sections : tuple of Section
+    selection : Selection
+        What the report is about.
     study : EmStudy
         The fits behind it.
     seconds : float
@@ -46,6 +47,7 @@ class ReportResult:
     html: Path
     pdf: Path | None
     sections: tuple[Section, ...]
+    selection: Selection
     study: EmStudy
     seconds: float
 
@@ -53,7 +55,7 @@ class ReportResult:
 def build_report(
     dataset: DataSet,
     *,
-    states: Sequence[int] | None = None,
+    states: Sequence[int] | str | None = None,
     seed: int = 1,
     quick: bool = False,
     out: str | Path = "reports/build",
@@ -70,17 +72,18 @@ def build_report(
     Parameters
     ----------
     dataset : DataSet
-    states : sequence of int, optional
-        Numbers of states; the card's, or 2 to 5.
+    states : sequence of int or str, optional
+        Numbers of states, as text such as ``2-5``; the card's by default, else 2 to 5.
     seed : int
     quick : bool
         Fewer restarts and replicates; the report is marked as not for citation.
     out : path
         Folder; made if it is not there.
     condition : sequence of str, optional
-        Conditions to select; the card's by default, an empty sequence for all.
+        Conditions to select; the card's by default, ``["all"]`` for all.
     pins : sequence of str, optional
-        Actions whose transition table is fixed to the identity; the card's by default, an empty one for none.
+        Actions whose transition table is fixed to the identity; the card's by default,
+        ``["none"]`` for none.
     pdf : bool
         Also write a PDF (needs WeasyPrint).
     command : str
@@ -98,16 +101,14 @@ def build_report(
         On an unknown condition or action, or if a PDF is wanted and WeasyPrint is missing.
     """
     started = time.perf_counter()
-    defaults = _defaults(dataset)
-    chosen = defaults["condition"] if condition is None else tuple(condition)
-    held = defaults["pins"] if pins is None else tuple(pins)
-    counts = defaults["states"] if states is None else tuple(states)
-    log = dataset.log.select(conditions=chosen) if chosen else dataset.log
+    wanted = states if states is None or isinstance(states, str) else ",".join(map(str, states))
+    chosen = select(dataset, condition, wanted, pins)
     effort = Effort.of(quick)
-    study = fit_models(log, counts, effort, pins={a: None for a in held}, seed=seed, progress=progress)
+    held = dict.fromkeys(chosen.pins)
+    study = fit_models(chosen.log, chosen.states, effort, pins=held, seed=seed, progress=progress)
     context = ReportContext(
-        data=dataset, log=log, study=study, conditions=chosen, pins=held, seed=seed, effort=effort,
-        published=published(), command=command, date=date or datetime.date.today().isoformat(),
+        selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
+        date=date or datetime.date.today().isoformat(),
     )  # fmt: skip
     made = tuple(entry.section(context) for entry in sections)
     if progress is not None:
@@ -122,7 +123,7 @@ def build_report(
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds
-    return ReportResult(folder / HTML_NAME, folder / PDF_NAME if pdf else None, made, study, seconds)
+    return ReportResult(folder / HTML_NAME, folder / PDF_NAME if pdf else None, made, chosen, study, seconds)
 
 
 def fit_models(
@@ -152,14 +153,3 @@ def fit_models(
             effort.for_bootstrap(study.fits[k]), log, effort.replicates_for(log, k), seed=seed, progress=tell
         )
     return replace(study, bootstraps=bootstraps)
-
-
-def _defaults(dataset: DataSet) -> dict[str, Any]:
-    """The card's condition, pins and states, where it has any."""
-    card = dataset.card.defaults
-    condition = card.get("condition", ())
-    return {
-        "condition": (condition,) if isinstance(condition, str) else tuple(condition),
-        "pins": tuple(card.get("pins", ())),
-        "states": tuple(card.get("states", DEFAULT_STATES)),
-    }

@@ -12,6 +12,7 @@ from analysis.datasets import DataSet
 from analysis.em_study import EmStudy
 from analysis.report.effort import Effort
 from analysis.report.section import Origin
+from analysis.study_selection import Selection
 from models.events import EventLog
 from models.protocol import PUBLISHED, Protocol
 
@@ -24,16 +25,10 @@ class ReportContext:
 
     Attributes
     ----------
-    data : DataSet
-        As loaded, with its card.
-    log : EventLog
-        The part of it that the report is about.
+    selection : Selection
+        The data set, the part of it the report is about, and what is held fixed.
     study : EmStudy
-        Fits of `log`.
-    conditions : tuple of str
-        Conditions selected; empty for all.
-    pins : tuple of str
-        Actions whose transition table is fixed to the identity.
+        Fits of that part.
     seed : int
     effort : Effort
         How much work went into the fits; `effort.quick` reports are not for citation.
@@ -44,16 +39,34 @@ class ReportContext:
     date : str
     """
 
-    data: DataSet
-    log: EventLog
+    selection: Selection
     study: EmStudy
-    conditions: tuple[str, ...]
-    pins: tuple[str, ...]
     seed: int
     effort: Effort
     published: Mapping[str, Any]
     command: str
     date: str
+
+    @property
+    def data(self) -> DataSet:
+        """The data set as loaded, with its card."""
+        return self.selection.dataset
+
+    @property
+    def log(self) -> EventLog:
+        """The part of the data that the report is about."""
+        return self.selection.log
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Conditions selected; empty for all."""
+        some = len(self.selection.conditions) < len(self.data.log.conditions)
+        return self.selection.conditions if some else ()
+
+    @property
+    def pins(self) -> tuple[str, ...]:
+        """Actions whose transition table is fixed to the identity."""
+        return self.selection.pins
 
     @property
     def origin(self) -> Origin:

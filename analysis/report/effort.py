@@ -41,7 +41,7 @@ class Effort:
     @classmethod
     def of(cls, quick: bool) -> Effort:
         """Effort of a full or a quick report."""
-        return cls(True, 20, 5, 20) if quick else cls(False, 200, 30, 200)
+        return cls(True, 100, 20, 20) if quick else cls(False, 200, 30, 200)
 
     def search(self, n_states: int, pins: Mapping[str, Array | None], seed: int) -> BaumWelch:
         """Settings of the longer search."""

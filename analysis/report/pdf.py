@@ -7,10 +7,23 @@ from typing import Any
 
 from models.errors import InputError
 
+MISSING = "--pdf: WeasyPrint cannot be used ({}); install the extra `pdf`, or print the HTML file from a browser"
+
 
 def available() -> bool:
     """Whether WeasyPrint is installed."""
     return importlib.util.find_spec("weasyprint") is not None
+
+
+def check_available() -> None:
+    """Refuse early, before any fit, if there can be no PDF.
+
+    Raises
+    ------
+    InputError
+    """
+    if not available():
+        raise InputError(MISSING.format("not installed"))
 
 
 def to_pdf(page: str) -> bytes:
@@ -24,9 +37,7 @@ def to_pdf(page: str) -> bytes:
     try:
         import weasyprint
     except (ImportError, OSError) as error:
-        raise InputError(
-            f"--pdf: WeasyPrint cannot be used ({error}); install the extra `pdf`, or print the HTML file from a browser"
-        ) from None
+        raise InputError(MISSING.format(error)) from None
 
     def refuse(url: str, *_: Any, **__: Any) -> Any:
         raise ValueError(f"the report is self-contained, yet it refers to {url}")

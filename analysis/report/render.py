@@ -44,6 +44,7 @@ def render(sections: Sequence[Section], context: ReportContext) -> str:
         number=numbers,
         panels=panels,
         rows=rows,
+        prose=prose,
         kind=lambda block: type(block).__name__,
         css=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8")),
     )
@@ -75,12 +76,12 @@ def panels(figure: Figure) -> list[Panel]:
         svg = re.sub(r'( width="[\d.]+pt"| height="[\d.]+pt")', "", svg, count=2)
         label = Markup.escape(alt)
         svg = svg.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
-        out.append(Panel(Markup(svg), width))  # noqa: S704 - made by matplotlib, labels escaped
+        out.append(Panel(Markup(svg), width))
     return out
 
 
 def rows(table: Table) -> list[list[dict[str, Any]]]:
-    """Cells of a table: text, whether it names the row, whether it is a number, whether it was printed elsewhere."""
+    """Cells of a table: text, and whether it names the row, is a number, was printed elsewhere."""
     columns = list(table.frame.columns)
     out = []
     for values in table.frame.itertuples(index=False, name=None):
@@ -96,6 +97,17 @@ def rows(table: Table) -> list[list[dict[str, Any]]]:
             )
         out.append(cells)
     return out
+
+
+def prose(text: str) -> str:
+    """Write minus signs as such in a sentence.
+
+    Examples
+    --------
+    >>> prose("from -560.23 within 1e-5, 2-5 states")
+    'from −560.23 within 1e-5, 2-5 states'
+    """
+    return re.sub(r"(?<![\w.-])-(?=\d)", MINUS, text)
 
 
 def shown(value: Any, spec: str = "") -> str:

@@ -34,7 +34,7 @@ def _selection(context: ReportContext) -> str:
 
 
 def _random_length(context: ReportContext) -> bool:
-    return getattr(context.data.card, "run_length", "fixed") == "random"
+    return context.data.card.run_length == "random"
 
 
 def _counts(context: ReportContext) -> Table:

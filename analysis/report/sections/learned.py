@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis import response_rates as rates
 from analysis.figures.beliefs import Interval, initial_belief, observation_curves
-from analysis.figures.state_graph import DRAWN, LABELLED, state_graph
+from analysis.figures.state_graph import DRAWN, LABELLED, farthest_move, state_graph
 from analysis.figures.style import spoken
 from analysis.figures.transitions import RowEvidence, transition_table
 from analysis.report.context import ReportContext
@@ -23,9 +23,9 @@ LEVEL = 0.9
 def make(context: ReportContext) -> tuple[Block, ...]:
     """Every fitted model; four states and the choice of BIC in full, the others folded away."""
     intro = (
-        f"States are in order of their expected {rates.measure_name(context.protocol)}, s0 lowest; names are labels of "
-        "that order. Four states (the paper's number) and the number BIC chooses are shown in full, the others are "
-        "folded away."
+        f"States are in order of their expected {rates.measure_name(context.protocol)}, s0 lowest; names are "
+        "labels of that order. Four states (the paper's number) and the number BIC chooses are shown in full, the "
+        "others are folded away."
     )
     shown = context.shown_states
     parts = []
@@ -84,8 +84,8 @@ def _transitions(context: ReportContext, k: int) -> tuple[Block, ...]:
         for i, a in enumerate(names)
     )
     caption = (
-        "Transition probabilities T(s' | s, a): one table an action, rows before and columns after; every row sums to "
-        "one. Beside each row the expected number of visits behind it."
+        "Transition probabilities T(s' | s, a): one table an action, rows before and columns after; every row sums "
+        "to one. Beside each row the expected number of visits behind it."
     )
     weak = [a for a in names if _any_weak(evidence[a])]
     if weak:
@@ -118,13 +118,16 @@ def _graphs(context: ReportContext, k: int) -> tuple[Block, ...]:
     if not drawn:
         raise NotSupported("no transition table was learned")
     states = fit.model.state_names
-    panels = tuple(partial(state_graph, fit.model.transition[i], states, a, evidence[a]) for i, a in drawn)
+    farthest = max(farthest_move(fit.model.transition[i]) for i, _ in drawn)
+    panels = tuple(
+        partial(state_graph, fit.model.transition[i], states, a, evidence[a], farthest=farthest) for i, a in drawn
+    )
     alt = tuple(f"Graph of the states under {spoken(a)}: {_moves(fit.model.transition[i])}." for i, a in drawn)
     left_out = [spoken(a) for a in names if a not in [b for _, b in drawn]]
     caption = (
         "State connectivity: the learned moves of each action. Solid arrows above lead to more prosocial states, "
-        f"dashed arrows below lead back; width grows with probability, moves below {DRAWN:g} are not drawn and those "
-        f"below {LABELLED:g} not labelled. A dashed circle rests on fewer than {WEAK:.0f} expected visits."
+        f"dashed arrows below lead back; width grows with probability, moves below {DRAWN:g} are not drawn and "
+        f"those below {LABELLED:g} not labelled. A dashed circle rests on fewer than {WEAK:.0f} expected visits."
     )
     if left_out:
         caption += f" Not drawn, because it was not learned: {', '.join(left_out)}."

@@ -18,7 +18,7 @@ def states(context: ReportContext, k: int) -> tuple[Block, ...]:
     fit, protocol = context.study.fits[k], context.protocol
     found = context.study.identifications[k]
     model = fit.model
-    weighted = expected_score(model.emission, rates.value_of_response(protocol), fit.emission_weights)
+    weighted = expected_score(model.emission, rates.value_of_response(protocol).tolist(), fit.emission_weights)
     frame = pd.DataFrame({"state": [_named(n, i) for i, n in enumerate(model.state_names)]})
     frame["initial"] = model.initial
     frame["score"] = weighted

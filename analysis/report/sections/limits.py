@@ -28,8 +28,8 @@ def _standing(context: ReportContext) -> list[str]:
     out = []
     if context.origin is Origin.SIMULATED:
         out.append(
-            "The data are simulated: nothing here says anything about people. What can be judged is whether the method "
-            "finds again what was put in."
+            "The data are simulated: nothing here says anything about people. What can be judged is whether the "
+            "method finds again what was put in."
         )
     elif context.origin is Origin.UNSTATED:
         out.append(
@@ -37,29 +37,29 @@ def _standing(context: ReportContext) -> list[str]:
         )
     else:
         out.append(
-            "The people are those of one study. Latent states summarise how their responses hang together; they are "
-            "not measured traits, and calling one of them prosocial is an interpretation."
+            "The people are those of one study. Latent states summarise how their responses hang together; they "
+            "are not measured traits, and calling one of them prosocial is an interpretation."
         )
     out.append(
-        "The authors' raw data are not part of this project. Numbers marked as printed in the paper are of other data "
-        "and stand beside for orientation; agreement with them is no replication."
+        "The authors' raw data are not part of this project. Numbers marked as printed in the paper are of other "
+        "data and stand beside for orientation; agreement with them is no replication."
     )
     out.append(
-        "Baum-Welch gives one point estimate. Its bootstrap intervals assume that the model and its number of states "
-        "are right, so they are a lower bound of the doubt."
+        "Baum-Welch gives one point estimate. Its bootstrap intervals assume that the model and its number of "
+        "states are right, so they are a lower bound of the doubt."
     )
     out.append(
-        "AIC and BIC compare models on the data they were fitted to, and count responses as if each came from somebody "
-        "else. Held-out people are the stronger test and are not part of this report."
+        "AIC and BIC compare models on the data they were fitted to, and count responses as if each came from "
+        "somebody else. Held-out people are the stronger test and are not part of this report."
     )
     if context.pins:
         out.append(
-            "Holding a transition table fixed leaves the fit to the responses as it was wherever the table cannot be "
-            "told from the others, but it changes what plans are worth."
+            "Holding a transition table fixed leaves the fit to the responses as it was wherever the table cannot "
+            "be told from the others, but it changes what plans are worth."
         )
     if context.effort.quick:
         out.append(
-            "This is a quick report: fewer restarts, fewer bootstrap replicates. Optima may have been missed; it is "
-            "not for citation."
+            "This is a quick report: fewer restarts, fewer bootstrap replicates. Optima may have been missed; it "
+            "is not for citation."
         )
     return out

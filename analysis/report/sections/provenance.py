@@ -9,12 +9,12 @@ from analysis.report.section import Block, Origin, Points, Table, Text
 from models.baum_welch import BaumWelch
 
 PLAIN_WORDS = {
-    Origin.SIMULATED: "These data are SIMULATED. They were drawn from a model on a computer; nobody took part. Nothing "
-    "in this report is evidence about people.",
-    Origin.REAL: "These data are REAL: recorded behaviour of people. What the study can and cannot carry is said in "
-    "the last section.",
-    Origin.UNSTATED: "This is a supplied file, and nothing states whether its people are real or simulated. Read it "
-    "accordingly.",
+    Origin.SIMULATED: "These data are SIMULATED. They were drawn from a model on a computer; nobody took part. "
+    "Nothing in this report is evidence about people.",
+    Origin.REAL: "These data are REAL: recorded behaviour of people. What the study can and cannot carry is said "
+    "in the last section.",
+    Origin.UNSTATED: "This is a supplied file, and nothing states whether its people are real or simulated. Read "
+    "it accordingly.",
 }
 
 
@@ -37,8 +37,8 @@ def _data(context: ReportContext) -> Table:
     selection = "all conditions"
     if context.conditions:
         selection = (
-            f"condition {', '.join(context.conditions)}: {log.n_participants:,} of {whole.n_participants:,} people, "
-            f"{log.n_runs:,} of {whole.n_runs:,} runs"
+            f"condition {', '.join(context.conditions)}: {log.n_participants:,} of {whole.n_participants:,} "
+            f"people, {log.n_runs:,} of {whole.n_runs:,} runs"
         )
     pins = ", ".join(context.pins) or "none"
     if context.pins:
@@ -59,6 +59,7 @@ def _data(context: ReportContext) -> Table:
         ),
         ("protocol", context.protocol.name),
         ("actions held fixed", pins),
+        ("taken from the data card", ", ".join(context.selection.from_card) or "nothing"),
         ("seed", str(context.seed)),
         ("report made", context.date),
         ("command", context.command or "not given"),
@@ -79,9 +80,9 @@ def _settings(context: ReportContext) -> Table:
         row = _fit_row(f"bootstrap, {bootstrap.replicates} replicates", [k], [settings])
         rows.append(row | {"restarts": "3 a replicate", "finalists": "all", "screening": "–"})
     caption = (
-        "Settings of every fit. Maps are EM iterations; a run ends when the gain stays below the tolerance. The paper "
-        "prints the 30 restarts and the Dirichlet(1) draws of its procedure, but neither tolerance nor cap: the ones "
-        "here are conventional."
+        "Settings of every fit. Maps are EM iterations; a run ends when the gain stays below the tolerance. The "
+        "paper prints the 30 restarts and the Dirichlet(1) draws of its procedure, but neither tolerance nor cap: "
+        "the ones here are conventional."
     )
     return Table("settings", pd.DataFrame(rows), caption, (Origin.DEFINITION,))
 

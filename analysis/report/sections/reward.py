@@ -18,16 +18,17 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     """Figure and table of ``exp(r x_s) - exp(r x_0)``."""
     if not context.is_published_protocol:
         raise NotSupported(
-            f"the paper's reward belongs to its own actions and scores; protocol {context.protocol.name!r} has others"
+            "the paper's reward belongs to its own actions and scores; protocol "
+            f"{context.protocol.name!r} has others"
         )
     printed = context.published["reward"]
     x, cost = tuple(map(float, printed["x"])), float(printed["cost_help"])
     steepness = [float(r) for r in context.published["sensitivity"]["r"]]
     text = (
-        "A round in state s is worth exp(r x_s) - exp(r x_0), less the cost of what the robot does; one act of helping "
-        f"or signalling costs {cost:g}. The scores x and the published steepness r = {printed['r_policy']:g} are "
-        "printed in the paper; no data of this report enter. Values of models with different numbers of states are "
-        "in different currencies."
+        "A round in state s is worth exp(r x_s) - exp(r x_0), less the cost of what the robot does; one act of "
+        f"helping or signalling costs {cost:g}. The scores x and the published steepness "
+        f"r = {printed['r_policy']:g} are printed in the paper; no data of this report enter. Values of models "
+        "with different numbers of states are in different currencies."
     )
     values = np.array([Reward(x, r).prosocial() for r in steepness])
     published = values[steepness.index(float(printed["r_policy"]))]
@@ -38,15 +39,15 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     )
     draw = partial(reward_by_state, x, steepness, PUBLISHED_STATE_NAMES, cost=cost)
     caption = (
-        "Reward of each state by steepness r. The axis is linear up to 10 and logarithmic above. The dotted line is "
-        "the cost of one act of helping or signalling."
+        "Reward of each state by steepness r. The axis is linear up to 10 and logarithmic above. The dotted line "
+        "is the cost of one act of helping or signalling."
     )
     frame = pd.DataFrame({"state": [f"s{i} {n}" for i, n in enumerate(PUBLISHED_STATE_NAMES)], "x": x})
     for r, value in zip(steepness, values, strict=True):
         frame[f"r = {r:g}"] = value
     table = Table(
         "reward-values", frame, "Reward of each state in reward units, by steepness r",
-        (Origin.DEFINITION, Origin.PRINTED), headings={"x": "score x (tokens a round), printed"},
+        (Origin.DEFINITION, Origin.PRINTED), headings={"x": "score x (tokens a round)"},
         formats={"x": "g", **{f"r = {r:g}": ",.2f" for r in steepness}}, printed=("x",),
     )  # fmt: skip
     return (Text(text), Figure("reward-by-state", (draw,), caption, (alt,), (Origin.DEFINITION,)), table)

@@ -9,6 +9,7 @@ import pandas as pd
 from analysis.figures.state_number import information_criteria, log_likelihoods, optima
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Origin, Table, Text
+from models.baum_welch import SAME_OPTIMUM
 from models.baum_welch_fit import BaumWelchFit
 
 
@@ -26,7 +27,9 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     if capped:
         names = " and ".join(_states(k) for k in capped)
         blocks.append(Text(f"The best run did not converge within the cap at {names}.", "warning"))
-    blocks += [_criteria(context), _curves(context), Text(study.restarts_sentence), _optima(context)]
+    blocks += _missed(context)
+    blocks += [_criteria(context), _curves(context), Text(study.restarts_sentence), _searches(context)]
+    blocks.append(_optima(context))
     return tuple(blocks)
 
 
@@ -42,57 +45,93 @@ def _printed(context: ReportContext) -> tuple[int, float]:
 def _criteria(context: ReportContext) -> Table:
     study = context.study
     printed_states, printed_value = _printed(context)
-    with_printed = context.is_published_protocol and printed_states in study.fits
     rows = []
     for k, fit in study.fits.items():
-        row: dict[str, object] = {
-            "states": k, "n_parameters": fit.n_parameters, "ll": fit.log_likelihood, "aic": fit.aic, "bic": fit.bic,
-            **_search(fit, ""),
-        }  # fmt: skip
+        row: dict[str, object] = {"states": k, "parameters": fit.n_parameters, "aic": fit.aic, "bic": fit.bic}
+        row["own"] = fit.log_likelihood
         if study.paper_fits:
-            paper = study.paper_fits[k]
-            row |= {"paper_ll": paper.log_likelihood, **_search(paper, "paper_")}
-        if with_printed:
+            row["procedure"] = study.paper_fits[k].log_likelihood
+        if context.is_published_protocol:
             row["printed"] = printed_value if k == printed_states else None
         rows.append(row)
     frame = pd.DataFrame(rows)
     headings = {
-        "n_parameters": "free parameters", "ll": "log-likelihood", "aic": "AIC", "bic": "BIC",
-        "best": "runs at the best", "gap": "gap to the next", "paper_ll": "log-likelihood",
-        "paper_converged": "converged", "paper_best": "runs at the best", "paper_gap": "gap to the next",
-        "printed": "log-likelihood",
+        "parameters": "free parameters", "aic": "AIC", "bic": "BIC", "own": "longer search",
+        "procedure": "published procedure", "printed": "other data",
     }  # fmt: skip
-    formats = {"states": "d", "n_parameters": "d", "ll": ".2f", "aic": ".1f", "bic": ".1f", "gap": ".2f",
-               "paper_ll": ".2f", "paper_gap": ".2f", "printed": ".2f"}  # fmt: skip
-    groups = [("", 1), ("longer search", 7)]
-    if study.paper_fits:
-        groups.append(("published procedure, same data", 4))
+    formats = {
+        "states": "d", "parameters": "d", "aic": ".1f", "bic": ".1f", "own": ".2f", "procedure": ".2f",
+        "printed": ".2f",
+    }  # fmt: skip
     origin: tuple[Origin, ...] = (context.origin,)
-    caption = (
-        "Criteria by number of states. Log-likelihoods are in nats; AIC and BIC are better when lower. Converged "
-        "speaks of the best run. Runs at the best: how many of the final runs ended within 0.01 of the best."
-    )
-    if with_printed:
-        groups.append(("printed in the paper (other data)", 1))
+    caption = "Criteria by number of states. AIC and BIC are those of the longer search and better when lower."
+    if context.is_published_protocol:
         origin = (context.origin, Origin.PRINTED)
-        if not context.is_published_design:
-            caption += (
-                " The printed value is of another study of another size and cannot be compared with this one."
-            )
+        caption += " The printed value is of other people"
+        caption += (
+            "." if context.is_published_design else " in a study of another size: not comparable with this one."
+        )
     return Table(
         "criteria", frame, caption, origin,
         headings={k: v for k, v in headings.items() if k in frame.columns},
         formats={k: v for k, v in formats.items() if k in frame.columns},
-        printed=("printed",) if with_printed else (), groups=tuple(groups),
+        printed=("printed",) if context.is_published_protocol else (),
+        groups=(("", 4), ("log-likelihood (nats)", len(frame.columns) - 4)),
+    )  # fmt: skip
+
+
+def _searches(context: ReportContext) -> Table:
+    study = context.study
+    rows = []
+    for k, fit in study.fits.items():
+        row: dict[str, object] = {"states": k, **_search(fit, "own")}
+        if study.paper_fits:
+            row |= _search(study.paper_fits[k], "procedure")
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    words = {
+        "converged": "best run converged", "best": "runs at the best", "gap": "gap to the next",
+        "capped": "runs stopped by the cap",
+    }  # fmt: skip
+    columns = [c for c in frame.columns if c != "states"]
+    groups = [("", 1), ("longer search", 4)]
+    if study.paper_fits:
+        groups.append(("published procedure", 4))
+    caption = (
+        "How sure each search is of its maximum. Runs at the best ended within 0.01 of it; the gap, in nats, is to "
+        "the next optimum."
+    )
+    return Table(
+        "searches", frame, caption, (context.origin,), headings={c: words[c.split()[1]] for c in columns},
+        formats={"states": "d", **{c: ".2f" for c in columns if c.endswith("gap")}}, groups=tuple(groups),
     )  # fmt: skip
 
 
 def _search(fit: BaumWelchFit, prefix: str) -> dict[str, object]:
+    total = fit.runs_in_final_stage
     return {
-        f"{prefix}converged": fit.converged,
-        f"{prefix}best": f"{fit.optima[0].restarts} of {fit.runs_in_final_stage}",
-        f"{prefix}gap": fit.gap_to_second,
+        f"{prefix} converged": fit.converged,
+        f"{prefix} best": f"{fit.optima[0].restarts} of {total}",
+        f"{prefix} gap": fit.gap_to_second,
+        f"{prefix} capped": f"{total - sum(o.converged for o in fit.optima)} of {total}",
     }
+
+
+def _missed(context: ReportContext) -> list[Block]:
+    """Warn where the shown model is demonstrably not the maximum."""
+    study = context.study
+    out: list[Block] = []
+    for k, paper in study.paper_fits.items():
+        own = study.fits[k].log_likelihood
+        if paper.log_likelihood > own + SAME_OPTIMUM:
+            out.append(
+                Text(
+                    f"At {_states(k)} the published procedure found {paper.log_likelihood:.2f}, better than the "
+                    f"{own:.2f} of the longer search: the model shown for {_states(k)} is not the maximum.",
+                    "warning",
+                )
+            )
+    return out
 
 
 def _curves(context: ReportContext) -> Figure:
@@ -141,7 +180,7 @@ def _optima(context: ReportContext) -> Figure:
             text += f"; {reached} of {paper.runs_in_final_stage} restarts of the published procedure reach it"
         alt.append(f"{text}.")
     caption = (
-        "Where the restarts ended, below the best log-likelihood found by either search: bars above the line are the "
-        "finalists of the longer search, hatched bars below it the restarts of the published procedure."
+        "Where the restarts ended, below the best log-likelihood found by either search: bars above the line are "
+        "the finalists of the longer search, hatched bars below it the restarts of the published procedure."
     )
     return Figure("optima", tuple(partial(optima, *pair) for pair in pairs), caption, tuple(alt), (context.origin,))

@@ -9,12 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis import response_rates as rates
-from analysis.figures.responses import rate_by_round, rate_heat_map
+from analysis.figures.responses import POINTS_AN_INCH, rate_by_round, rate_heat_map
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
 
-MOST_SCHEDULES = 12
+MOST_SCHEDULES, LONGEST_SCHEDULE = 12, 12
 MOST_PANELS = 12
 RATE_FORMATS = {"responses": ",d", "people": ",d", "rate": ".3f", "low": ".3f", "high": ".3f"}
 
@@ -66,23 +66,27 @@ def _conditions(context: ReportContext) -> Table:
         if context.is_published_design:
             row["printed"] = context.published["study1"]["conditions"][name]
         row["runs"] = int(runs.sum())
-        for m, entry in enumerate(protocol.modes):
+        for m in range(len(protocol.modes)):
             row[f"mode{m}"] = _actions_used(log.action[events & (mode == m)], protocol.action_names)
-            del entry
         rates_here = table.loc[name] if name in table.index else pd.Series(dtype=float)
         row |= {c: rates_here.get(c) for c in ("responses", "rate", "low", "high")}
         rows.append(row)
     frame = pd.DataFrame(rows)
     headings = {"in_study": "people", "rate": rates.measure_name(protocol)}
-    headings |= {f"mode{m}": f"robot's action when {spoken(e.name)}" for m, e in enumerate(protocol.modes)}
+    headings |= {f"mode{m}": f"when {spoken(e.name)}" for m, e in enumerate(protocol.modes)}
     printed: tuple[str, ...] = ()
     origin: tuple[Origin, ...] = (context.origin,)
     if context.is_published_design:
-        headings["printed"] = "people, printed"
+        headings["printed"] = "people"
         printed, origin = ("printed",), (context.origin, Origin.PRINTED)
     caption = f"Conditions: people, what the robot did in each mode, and the {rates.measure_name(protocol)}"
     formats = {k: v for k, v in RATE_FORMATS.items() if k in frame.columns} | {"in_study": ",d", "runs": ",d"}
-    return Table("conditions", frame, caption, origin, headings=headings, formats=formats, printed=printed)
+    formats |= {"printed": ",d"} if printed else {}
+    before = list(frame.columns).index("mode0")
+    groups = (("", before), ("robot's action", len(protocol.modes)), ("", 4))
+    return Table(
+        "conditions", frame, caption, origin, headings=headings, formats=formats, printed=printed, groups=groups
+    )
 
 
 def _actions_used(codes: NDArray[np.int8], names: tuple[str, ...]) -> str:
@@ -105,16 +109,17 @@ def _by_round(context: ReportContext) -> tuple[Block, ...]:
         tables += [(str(name), rows) for name, rows in each.groupby("condition", sort=True)]
     last = int(log.k.max())
     shown = tables[: MOST_PANELS + 1]
+    width = 6.4 if len(shown) == 1 else 3.05
     panels = tuple(
-        partial(rate_by_round, rows, measure=measure, limits=limits, title=name, last_round=last)
+        partial(rate_by_round, rows, measure=measure, limits=limits, title=name, last_round=last, width=width)
         for name, rows in shown
     )
     alt = tuple(f"{name}: {measure} by round. {_spoken_rates(rows)}" for name, rows in shown)
     caption = f"{measure.capitalize()} by round, with {rates.LEVEL:.0%} intervals. "
     caption += (
         "Numbers at the foot are responses."
-        if len(pooled) <= 16
-        else "The band narrows and widens with the number of responses, which is in the table below."
+        if len(pooled) <= POINTS_AN_INCH * width
+        else "The numbers of responses are in the table below."
     )
     if len(tables) > len(shown):
         caption += f" {len(tables) - len(shown)} further conditions are in the table below only."
@@ -144,27 +149,30 @@ def _by_schedule(context: ReportContext) -> tuple[Block, ...]:
     log, protocol = context.log, context.protocol
     schedules = log.schedules()
     distinct = sorted(set(schedules))
-    if len(distinct) > MOST_SCHEDULES:
-        longest = max(distinct, key=len)
-        reason = f"there are {len(distinct)} different schedules, too many for one map"
-        if all(longest.startswith(s) for s in distinct):
-            reason += (
-                f". Every one is the beginning of {longest[:6]}…, so a schedule here is a run length, which the "
-                "participant flow shows"
-            )
-        raise NotSupported(reason)
+    longest = max(distinct, key=len)
+    if len(distinct) > 1 and all(longest.startswith(s) for s in distinct):
+        start = longest if len(longest) <= LONGEST_SCHEDULE else f"{longest[:6]}…"
+        raise NotSupported(
+            f"every one of the {len(distinct)} schedules is the beginning of {start}, so they differ only in the "
+            "length of the run, which the participant flow shows"
+        )
+    if len(distinct) > MOST_SCHEDULES or len(longest) > LONGEST_SCHEDULE:
+        raise NotSupported(
+            f"there are {len(distinct)} schedules of up to {len(longest)} rounds, too many for one map (at most "
+            f"{MOST_SCHEDULES} of {LONGEST_SCHEDULE})"
+        )
     measure, limits = rates.measure_name(protocol), rates.measure_range(protocol)
     condition = np.array(log.conditions, dtype=object)[log.condition]
     by = {"condition": condition[log.run_of_event], "schedule": schedules[log.run_of_event]}
     cells = rates.response_rates(log, by)
     draw = partial(
-        rate_heat_map, cells, rows="condition", columns="schedule", measure=measure, limits=limits,
+        rate_heat_map, cells, rows="condition", columns="schedule", limits=limits,
         row_order=list(log.conditions), column_order=distinct,
     )  # fmt: skip
     letters = ", ".join(f"{m.letter}: {spoken(m.name)}" for m in protocol.modes)
     caption = (
-        f"{measure.capitalize()} by condition and schedule, over all rounds, with the number of people who responded. "
-        f"Letters of a schedule: {letters}."
+        f"{measure.capitalize()} by condition and schedule, over all rounds, with the number of people who "
+        f"responded; darker is higher. Letters of a schedule: {letters}."
     )
     extremes = cells.loc[[cells["rate"].idxmin(), cells["rate"].idxmax()]]
     low, high = (f"{r.rate:.2f} in {r.condition}, {r.schedule}" for r in extremes.itertuples())
@@ -175,6 +183,6 @@ def _by_schedule(context: ReportContext) -> tuple[Block, ...]:
     frame = counts.reset_index()
     table = Table(
         "people-by-schedule", frame, "People by condition and schedule", (context.origin,),
-        formats={c: ",d" for c in frame.columns[1:]},
+        formats=dict.fromkeys(frame.columns[1:], ",d"),
     )  # fmt: skip
     return (Figure("rate-by-schedule", (draw,), caption, (alt,), (context.origin,)), table)

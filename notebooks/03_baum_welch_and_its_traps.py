@@ -1,0 +1,470 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Baum-Welch and its traps
+#
+# **The question.** The paper learns its tables with expectation maximisation (Baum-Welch), tries 2 to 5 latent states
+# with 30 random restarts each, and keeps 4 because the log-likelihood was highest there. What can go wrong on the way,
+# and how would one notice?
+#
+# **The data.** Mostly the *simulated* study of the workbench, where the truth is known; at the end the *real* people of
+# Fudenberg, Rand and Dreber (2012). The authors' own data are in neither.
+#
+# **The model.** A run of $K$ rounds with actions $a_k$ and responses $o_k$ has the likelihood
+#
+# $$L = \sum_{s_0, \ldots, s_{K-1}} b_0(s_0) \prod_{k=0}^{K-1} e_k(s_k) \prod_{k=0}^{K-2} T(s_{k+1} \mid s_k, a_k),$$
+#
+# where $e_k(s) = O(o_k \mid s, a_k)$ if a response was seen and $1$ otherwise. One step of EM computes how often each
+# transition and response is expected to have happened, given the current tables, and takes the shares as new tables. No
+# step lowers the likelihood; where the steps lead is another matter.
+
+# %% tags=["parameters"]
+FAST = False
+SEED = 1
+
+# %%
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from analysis.datasets import load
+from analysis.em_study import run_em
+from analysis.figures.beliefs import observation_curves
+from analysis.figures.curves import curves
+from analysis.figures.notebook import panels, show
+from analysis.figures.recovered import beside_truth
+from analysis.figures.state_number import information_criteria, log_likelihoods, optima
+from analysis.figures.transitions import RowEvidence, transition_table
+from analysis.notebooks import ABSENT
+from analysis.simulate import calibrated_truth, simulate_study1
+from models.baum_welch import BaumWelch
+from models.bootstrap import parametric_bootstrap
+from models.errors import InputError
+from models.forward_backward import history_log_likelihoods
+from models.identification import WEAK, identification, score_rank
+from models.labels import dwell_time, expected_score, stationary_distribution
+from models.parameters import Layout
+from models.protocol import PUBLISHED
+from models.standard_errors import standard_errors
+
+# %%
+RESTARTS, FINALISTS, REPLICATES = (20, 5, 20) if FAST else (200, 30, 200)
+log = load("simulated_study1").log
+truth = calibrated_truth()
+help_column = PUBLISHED.response_names.index("help")
+log
+
+# %% [markdown]
+# ## Trap 1: many optima
+#
+# The likelihood has many local maxima, and EM climbs the hill it starts on. The workbench runs 200 short climbs, then
+# the best 30 to the top (*longer search*). Beside it the *published procedure*: 30 climbs, stopped after 1,000 steps
+# (the paper prints neither a cap nor a tolerance; these are the usual ones).
+
+# %%
+study = run_em(
+    log, (2, 3, 4, 5), with_paper=True, seed=SEED,
+    settings=lambda k: BaumWelch(k, restarts=RESTARTS, finalists=FINALISTS, seed=SEED),
+)  # fmt: skip
+for fit in study.fits.values():
+    print(fit.sentence)
+
+# %%
+axes = panels(3.1, 3.1, 3.1, height=2.8)
+for ax, k in zip(axes, (2, 3, 4), strict=True):
+    optima(study.fits[k], study.paper_fits[k], ax=ax)
+show(
+    axes[0],
+    "simulated",
+    "Where restarts ended, in nats below the best found. Above the line the longer search, below it the published one.",
+)
+
+# %% [markdown]
+# **How to read it.** With 2 states nearly all climbs meet at one top. With 3 and 4 they scatter: most end somewhere
+# lower, at other tables with another story. **What not to conclude:** that the leftmost bar is the global maximum. It is
+# the best that was *found*; when one or two climbs of thirty reach it, more climbs may find a better one.
+
+# %% [markdown]
+# ## Trap 2: slow convergence that looks like convergence
+#
+# Plain EM crawls along flat ridges. The same three starting points, once with plain EM and once with extrapolated steps
+# (SQUAREM, guarded so that the likelihood never falls):
+
+# %%
+cap = 3_000 if FAST else 20_000
+one_climb = BaumWelch(3, restarts=1, finalists=None, screening_maps=0, max_maps=cap, tolerance=1e-9)
+climbs = {}
+for start in (1, 2, 3):
+    for name, accelerate in (("plain", False), ("accelerated", True)):
+        climbs[start, name] = replace(one_climb, accelerate=accelerate, seed=start).fit(log)
+pd.DataFrame(
+    {"start": start, "EM": name, "maps": fit.maps, "converged": fit.converged, "log-likelihood": fit.log_likelihood}
+    for (start, name), fit in climbs.items()
+).round(3)
+
+# %%
+axes = panels(3.2, 3.2, 3.2, height=2.9)
+for ax, start in zip(axes, (1, 2, 3), strict=True):
+    lines = {}
+    for name in ("plain", "accelerated"):
+        fit = climbs[start, name]
+        maps = np.linspace(0, fit.maps, len(fit.trace)) + 1
+        lines[name] = (maps, study.fits[3].log_likelihood - fit.trace + 1e-4)
+    curves(lines, xlabel="EM maps", ylabel="nats below the best", log_x=True, log_y=True, title=f"start {start}", ax=ax)
+show(axes[0], "simulated", "Climbs with 3 states. Both axes are logarithmic; $10^{-4}$ was added to show the top itself.")
+
+# %% [markdown]
+# **How to read it.** Steps in the curves are ridges: for hundreds of maps the gain per map is far below any usual
+# tolerance, and then the climb goes on. A rule such as "stop when the gain is below $10^{-5}$" stops on a ridge and
+# reports success. Here a run counts as converged only after ten steps in a row with a gain below $10^{-8}$ and says so
+# otherwise. **What not to conclude:** that acceleration finds better optima. It gets to *an* optimum sooner, and not
+# always to the same one.
+
+# %% [markdown]
+# ## Trap 3: "the log-likelihood was highest at 4 states"
+#
+# A model with 5 states contains every model with 4: make one state a copy. So the *maximum* of the likelihood cannot
+# fall when a state is added.
+
+# %%
+left, right = panels(4.4, 4.4, height=3.3)
+own = {k: fit.log_likelihood for k, fit in study.fits.items()}
+published = {k: fit.log_likelihood for k, fit in study.paper_fits.items()}
+log_likelihoods(own, published, None, ax=left)
+information_criteria(
+    {k: fit.bic for k, fit in study.fits.items()}, {k: fit.aic for k, fit in study.fits.items()}, ax=right
+)
+show(left, "simulated", "Left: the paper's criterion. Right: criteria that charge for parameters.")
+print(study.restarts_sentence)
+
+# %% [markdown]
+# On this simulated study even the published procedure is highest at 5. How could one see a peak at 4? Only if restarts
+# with 5 states stop short of their maximum by more than restarts with 4 do. How probable is that? From a few hundred
+# climbs at each number of states, the chance that the best of $n$ climbs with 5 states is *below* the best of $n$ climbs
+# with 4 follows by counting; climbs are stopped after 50, 200 or 1,000 steps.
+
+# %%
+climbing, luck = 40 if FAST else 200, {}
+numbers = np.array([1, 2, 3, 5, 10, 20, 30])
+for cap in (50, 200) if FAST else (50, 200, 1000):
+    ends = {}
+    for k in (4, 5):
+        fit = replace(BaumWelch.paper(k, seed=SEED), restarts=climbing, max_maps=cap).fit(log)
+        ends[k] = np.sort(np.repeat([o.log_likelihood for o in fit.optima], [o.restarts for o in fit.optima]))
+    best_is = np.diff((np.arange(climbing + 1)[:, None] / climbing) ** numbers, axis=0)
+    five_below = (np.searchsorted(ends[5], ends[4])[:, None] / climbing) ** numbers
+    luck[f"{cap:,} steps"] = (numbers, (best_is * five_below).sum(axis=0))
+show(
+    curves(luck, xlabel="restarts at each number of states", ylabel="chance that 4 beats 5 states"),
+    "simulated",
+    "How often too few restarts make 4 states look better than 5, although the maximum is higher at 5.",
+)
+
+# %% [markdown]
+# **How to read it.** A lone short climb puts 4 above 5 in about one case of four; thirty full climbs practically never
+# on these data. So a reported peak at 4 is a statement about a search that stopped short (a low cap, a loose tolerance,
+# starting points), whatever the data. **What not to conclude:** that the authors' data would behave like this study, or
+# that 5 is right. BIC, which charges for parameters, prefers 2 here although *the truth has 4 states*: with 540 people
+# and three responses each there is not enough to see them all.
+
+# %% [markdown]
+# ## Trap 4: estimates on the boundary
+
+# %%
+errors = {k: standard_errors(fit, log) for k, fit in study.fits.items()}
+pd.DataFrame(
+    {
+        "states": k,
+        "free parameters": fit.n_parameters,
+        "free entries at 0 or 1": study.identifications[k].on_boundary,
+        "largest standard error": errors[k].largest,
+    }
+    for k, fit in study.fits.items()
+).set_index("states")
+
+# %% [markdown]
+# **How to read it.** With more states, most entries end at exactly 0 or 1. That is what maximum likelihood does with few
+# data, not evidence that something is impossible. A standard error from the curvature of the likelihood assumes an
+# interior maximum; where the information matrix cannot be inverted, none is given (NaN). Two numbers remain that can be
+# trusted more: the bootstrap below, and doubt.
+
+# %% [markdown]
+# ## Trap 5: which state is which?
+#
+# Permuting the states leaves the likelihood as it is, so labels are a convention. The workbench orders states by their
+# expected response (here: the probability to help, averaged over actions by how often they were seen). The paper orders
+# by "transition structure and stability". For the 4-state fit:
+
+# %%
+model = study.fits[4].model
+score = expected_score(model.emission, PUBLISHED.scores, study.fits[4].emission_weights)
+order = pd.DataFrame({"start": model.initial, "help rate": score}, index=model.state_names)
+for action in PUBLISHED.action_names:
+    table = model.transition[PUBLISHED.action(action)]
+    order[f"{action}: stationary"], order[f"{action}: dwell"] = stationary_distribution(table), dwell_time(table)
+order.round(2)
+
+# %%
+for action in PUBLISHED.action_names:
+    dwell = dwell_time(model.transition[PUBLISHED.action(action)])
+    print(f"by dwell time under {action}:", " < ".join(f"s{i}" for i in np.argsort(dwell, kind="stable")))
+
+# %% [markdown]
+# **How to read it.** Stationary: the long-run share of rounds if the action were always taken. Dwell: rounds until the
+# state is left (infinite: never). Each action gives another order by stability, none of them the order by response.
+# **What not to conclude:** that a name such as "mid-prosocial" means the same thing in two papers, or in two fits.
+
+# %% [markdown]
+# ## Trap 6: what the design cannot tell
+#
+# In a schedule such as `HRHRH` the person's response shows in every other round. Between two responses the state makes
+# two moves, one under the robot's action in the `H` round and one under its action in the `R` round, and only their
+# product enters the likelihood:
+#
+# $$T(a_H)\, T(a_R) = \underbrace{T(a_H)\, Q}_{\text{other table}}\; \underbrace{Q^{-1}\, T(a_R)}_{\text{other table}}
+# \quad\text{for any } Q \text{ that leaves both stochastic.}$$
+#
+# Let us make three models of it, from the 2-state fit: as fitted; with all change moved into the rounds in which the
+# robot can help ($Q = T(\text{no signal})^{-1}$); and one in which the two states trade places after every `H` round and
+# back after every `R` round.
+
+# %%
+no_signal, pair = PUBLISHED.action("no_signal"), (PUBLISHED.action("no_help"), PUBLISHED.action("help"))
+fitted = study.fits[2].model
+pushed, swapped = fitted.transition.copy(), fitted.transition.copy()
+trade = np.array([[0.0, 1.0], [1.0, 0.0]])
+pushed[no_signal], swapped[no_signal] = np.eye(2), fitted.transition[no_signal] @ trade
+for action in pair:
+    pushed[action] = fitted.transition[no_signal] @ fitted.transition[action]
+    swapped[action] = trade @ fitted.transition[action]
+stories = {
+    "as fitted": fitted,
+    "all in the robot's help": replace(fitted, transition=pushed),
+    "states trade places": replace(fitted, transition=swapped),
+}
+
+# %%
+silent = log.select(conditions=["help+no-signal", "no-help+no-signal"])
+alternating = silent.select(runs=silent.schedules() == "HRHRH")
+rows = {}
+for name, model in stories.items():
+    row = {f"{a}: s1 → s1": model.transition[PUBLISHED.action(a), 1, 1] for a in ("no_help", "help", "no_signal")}
+    for label, part in (("only HRHRH", alternating), ("all six schedules", silent)):
+        tree = part.tree()
+        values = history_log_likelihoods(
+            tree, model.initial, model.transition, model.emission, model.emission_index
+        )
+        row[f"log-likelihood, {label}"] = values @ tree.arrays.ends[tree.terminals]
+    rows[name] = row
+pd.DataFrame(rows).round(6)
+
+# %% [markdown]
+# **How to read it.** Three different stories about what helping does; on `HRHRH` their likelihoods agree to the last
+# digit shown, so no amount of such data can choose. Schedules in which a mode repeats (`RRHHH`, `HHRRH`, ...) tell them
+# apart. The same in general: how many directions in parameter space the histories of a design can tell apart (the rank
+# of their scores), all four conditions, with enough people that every history occurs.
+
+# %%
+many = simulate_study1(participants=20_000, seed=SEED)
+designs = {"all six": many} | {s: many.select(runs=many.schedules() == s) for s in sorted(set(many.schedules()))}
+ranks = []
+for name, part in designs.items():
+    row = {"schedules": name}
+    for k in (2, 3, 4):
+        layout = Layout(PUBLISHED, k)
+        free = sum(r.stop - r.start - 1 for r, ok in zip(layout.rows, layout.informed_rows(part), strict=True) if ok)
+        row[f"{k} states"] = f"{score_rank(part, layout, {}, seed=SEED)} of {free}"
+    ranks.append(row)
+pd.DataFrame(ranks).set_index("schedules")
+
+# %% [markdown]
+# **How to read it.** Read "11 of 13" as: two directions along which the tables can slide with the likelihood unchanged.
+# With all six schedules nothing slides, even with 4 states. (The nine-round `HRHRHRHRH` of the paper's second study
+# alternates as well.) **What not to conclude:** full rank says that *infinitely many* people would tell, not that 540 do.
+# The workbench prints such warnings with every fit:
+
+# %%
+alone = BaumWelch(2, restarts=RESTARTS, finalists=FINALISTS, seed=SEED).fit(alternating)
+for sentence in identification(alone, alternating).sentences():
+    print("-", sentence)
+
+# %% [markdown]
+# ### Pinning, and that it is not innocent
+#
+# The way out is to *decide* one table: "nothing happens while the robot stays silent", $T(\text{no signal}) = I$. Any
+# likelihood on alternating data can still be reached, and the rest becomes unique. That is the second story above. But
+# what the state does in rounds in which nothing is seen has consequences: the reward counts there too.
+
+# %%
+x = fitted.reward.prosocial()
+worth = {}
+for name in ("as fitted", "all in the robot's help"):
+    belief, values = fitted.initial, []
+    for mode in PUBLISHED.modes_from_letters("HRHRHRHRH"):
+        values.append(belief @ x)
+        belief = stories[name].update(belief, "no_signal" if mode.shows_response else "help")
+    worth[name] = values
+frame = pd.DataFrame(worth, index=[f"{i}: {letter}" for i, letter in enumerate("HRHRHRHRH")])
+frame.loc["sum"] = frame.sum()
+frame.round(2).T
+
+# %% [markdown]
+# **How to read it.** Expected reward of the state (reward units; one act of helping costs 15), round by round, if the
+# robot always helps and never signals. In `H` rounds, where responses show, the two agree; in `R` rounds they do not. No
+# datum chose between them; the pin did.
+
+# %% [markdown]
+# ## How sure? Bootstrap intervals beside the truth
+#
+# The parametric bootstrap draws new studies from the fit, refits each and puts states back into order. On simulated data
+# we can look whether the truth lies inside. First a world with **two** states (the 2-state fit, now taken as truth, and a
+# new study drawn from it), then the bundled study, whose truth has **four**.
+
+# %%
+two = simulate_study1(truth=fitted, participants=540, seed=SEED + 1, study="simulated_two_states")
+cases = {"two": (two, fitted), "four": (log, truth)}
+boots = {}
+for name, (part, source) in cases.items():
+    fit = BaumWelch(source.n_states, restarts=RESTARTS, finalists=FINALISTS, seed=SEED).fit(part)
+    quick = replace(fit, settings=replace(fit.settings, max_maps=2_000, tolerance=1e-6))
+    boots[name] = fit.model, parametric_bootstrap(quick, part, REPLICATES, seed=SEED)
+
+# %%
+for name, (estimate, bootstrap) in boots.items():
+    source = cases[name][1]
+    n, states = source.n_states, [f"s{i}" for i in range(source.n_states)]
+    left, right = panels(4.4, 4.6, height=2.6 if n == 2 else 4.8)
+    low, high = bootstrap.interval("emission", 0.9)
+    beside_truth(
+        [f"{a.replace('_', ' ')}, {s}" for a in PUBLISHED.emission_actions for s in states],
+        estimate.emission[..., help_column].ravel(),
+        (low[..., help_column].ravel(), high[..., help_column].ravel()),
+        source.emission[..., help_column].ravel(), measure="probability to help", ax=left,
+    )  # fmt: skip
+    low, high = bootstrap.interval("transition", 0.9)
+    stay = [np.diagonal(table, axis1=1, axis2=2).ravel() for table in (estimate.transition, low, high, source.transition)]
+    beside_truth(
+        [f"{a.replace('_', ' ')}, {s}" for a in PUBLISHED.action_names for s in states],
+        stay[0], (stay[1], stay[2]), stay[3], measure="probability to stay in the state", ax=right,
+    )  # fmt: skip
+    inside = [np.mean((low <= true) & (true <= high)) for low, high, true in (
+        (*bootstrap.interval(table, 0.9), getattr(source, table)) for table in ("emission", "transition")
+    )]  # fmt: skip
+    show(
+        left,
+        "simulated",
+        f"A truth of {name} states, 540 people: estimates, 90 % bootstrap intervals ({REPLICATES} replicates) and truth. "
+        f"Of all response entries {inside[0]:.0%}, of all transition entries {inside[1]:.0%} have the truth inside.",
+    )
+
+# %% [markdown]
+# **How to read it.** With two states the diamonds lie in or near short bars: this can be learned from 540 people. With
+# four, many bars span nearly everything, and some exclude the truth all the same: the bootstrap starts from an estimate
+# that sits in a corner, and takes its own model for true. **What not to conclude:** that an interval from a bootstrap is
+# honest by construction. It is as good as the fit it grows from; nominal 90 % is not 90 % here.
+
+# %% [markdown]
+# ## Would more people help?
+#
+# Everything works on distinct histories, so a study of half a million people costs what 540 cost. Mean error of all
+# transition entries, for both truths:
+
+# %%
+sizes = (540, 5_400, 54_000) if FAST else (540, 5_400, 54_000, 540_000)
+error = {}
+for source in (fitted, truth):
+    off = []
+    for people in sizes:
+        large = simulate_study1(truth=source, participants=people, seed=SEED + 2)
+        search = BaumWelch(source.n_states, restarts=RESTARTS // 2, finalists=max(FINALISTS // 3, 3), seed=SEED)
+        off.append(np.abs(search.fit(large).model.transition - source.transition).mean())
+    error[f"{source.n_states} states"] = (sizes, off)
+show(
+    curves(error, xlabel="people", ylabel="mean error of a transition entry", log_x=True, log_y=True),
+    "simulated",
+    "Distance of the estimated transition tables from the truth that the studies were drawn from.",
+)
+
+# %% [markdown]
+# **How to read it.** A straight line falling by half a decade for every decade of people is textbook learning, and two
+# states follow it. Four states hardly learn from a hundredfold: for a random table, an error of 0.2 is what guessing
+# gives. **What not to conclude:** that four states are wrong. Five rounds with three responses are too short to see them.
+
+# %% [markdown]
+# ## Real people
+#
+# The data of Fudenberg, Rand and Dreber alternate strictly and have no signalling arm, so $T(\text{no signal})$ is
+# pinned to the identity, as their card says. Condition `bc4_e8`, 90 people, 2 to 4 states.
+
+# %%
+try:
+    real = load("frd2012")
+except InputError as failure:
+    real = None
+    print(f"{ABSENT}: the cells on frd2012 are skipped. {failure}")
+
+# %%
+if real is not None:
+    part = real.log.select(conditions=[real.card.defaults["condition"]])
+    pins = {action: None for action in real.card.defaults["pins"]}
+    people = run_em(
+        part, (2, 3, 4), seed=SEED,
+        settings=lambda k: BaumWelch(k, restarts=RESTARTS // 2, finalists=FINALISTS, pins=pins, seed=SEED),
+    )  # fmt: skip
+    for fit in people.fits.values():
+        print(fit.sentence)
+    unpinned = BaumWelch(2, restarts=RESTARTS // 2, finalists=FINALISTS, seed=SEED).fit(part)
+    print(f"Not pinned, {unpinned.sentence}")
+
+# %% [markdown]
+# Pinning costs nothing in likelihood (compare the last line with the first): the data cannot object.
+
+# %%
+if real is not None:
+    axes = panels(3.0, 3.5, 4.0, height=3.2)
+    for ax, (k, fit) in zip(axes, people.fits.items(), strict=True):
+        curve = {"no_signal": fit.model.emission[PUBLISHED.emission_actions.index("no_signal"), :, help_column]}
+        observation_curves(curve, {}, [f"s{i}" for i in range(k)], measure="cooperates", limits=(0, 1), ax=ax)
+    show(axes[0], real.card.kind, "Probability to cooperate by latent state, for 2, 3 and 4 states.")
+
+# %%
+if real is not None:
+    fit = people.fits[3]
+    left, right = panels(4.0, 4.0, height=2.6)
+    for ax, action in ((left, "no_help"), (right, "help")):
+        index = PUBLISHED.action(action)
+        evidence = RowEvidence(False, False, fit.transition_count[index].sum(axis=-1), WEAK)
+        transition_table(fit.model.transition[index], fit.model.state_names, action, evidence, ax=ax)
+    show(left, real.card.kind, "3 states: moves after the partner defected (left) and after the partner cooperated (right).")
+
+# %%
+if real is not None:
+    for sentence in people.identifications[3].sentences():
+        print("-", sentence)
+
+# %% [markdown]
+# **How to read it.** The states come out ordered and far apart: people who nearly always cooperate, people who nearly
+# never do, and something between. After a partner defects the state moves down, after one cooperates up or not at all.
+# All final climbs meet at one top, so here the search is no worry. **What not to conclude:** that a partner's
+# cooperation *causes* the move. Partners were not randomised: they answered to what the person had done. And the pin
+# decided, before any datum, that a person's own choice leaves their state alone.
+#
+# ## What to take along
+#
+# | trap | how to notice |
+# |---|---|
+# | many optima | the histogram of where restarts ended; the gap to the second best |
+# | slow convergence | `converged`, and the trace |
+# | "highest at 4 states" | it cannot fall with more states; look at BIC and at people held out |
+# | boundary | entries at 0 or 1; missing standard errors |
+# | labels | the order by response against the order by dwell time |
+# | identification | the rank, strict alternation, and which table was pinned |

@@ -1,0 +1,63 @@
+"""Small logs for the tests of rates, flow, figures and the report."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from analysis.datasets import Card, DataSet, log_digest
+from models.events import EventLog
+from models.protocol import PUBLISHED, Action, Mode, Protocol, Response
+
+CORRIDOR = Protocol(
+    "corridor",
+    (
+        Mode("robot_stuck", "S", (Action("wait"), Action("ask", 5.0)), "wait", True),
+        Mode("human_stuck", "P", (Action("pass_by"), Action("assist", 15.0)), "pass_by", False),
+        Mode("door_blocked", "D", (Action("hold"), Action("open", 2.0)), "hold", True),
+    ),
+    (Response("refused", 0.0), Response("late", 0.5), Response("helped", 1.0)),
+)
+"""Three modes, two of which show one of three responses."""
+
+
+def frame_of(runs, protocol=PUBLISHED, study="small"):
+    """Frame from (participant, sequence, condition, [(action, observation), ...])."""
+    modes = [protocol.mode_names[m] for m in protocol.mode_of_action]
+    rows = [
+        (study, person, condition, sequence, k, modes[protocol.action(action)], action, seen)
+        for person, sequence, condition, events in runs
+        for k, (action, seen) in enumerate(events)
+    ]
+    columns = ["study", "participant", "condition", "sequence", "k", "mode", "action", "observation"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def log_of(runs, protocol=PUBLISHED):
+    """Checked log of `frame_of`."""
+    return EventLog.from_frame(frame_of(runs, protocol), protocol)
+
+
+def random_log(protocol, people=60, rounds=6, seed=1, missing=0.05, stop=0.0):
+    """People in two conditions who act and respond at random, some of whom leave."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    for person in range(people):
+        events = []
+        kindness = rng.random()
+        for _ in range(rounds):
+            action = int(rng.integers(protocol.n_actions))
+            seen = "none"
+            if protocol.emission_index[action] >= 0:
+                response = rng.binomial(protocol.n_responses - 1, kindness)
+                seen = "missing" if rng.random() < missing else protocol.response_names[response]
+            events.append((protocol.action_names[action], seen))
+            if rng.random() < stop:
+                break
+        runs.append((person, 0, "plain" if person % 2 else "other", events))
+    return log_of(runs, protocol)
+
+
+def data_set(log, **card):
+    """Data set with a card made up for a test."""
+    return DataSet(log, Card(**{"name": "small", "title": "A small study", **card}), (), log_digest(log))

@@ -78,7 +78,7 @@ class EmStudy:
             own = self.fits[k].log_likelihood
             n = sum(not o for o in _converged_flags(paper))
             parts.append(
-                f"{k} states: {paper.log_likelihood:.2f} against {own:.2f} "
+                f"{k} state{'s' if k > 1 else ''}: {paper.log_likelihood:.2f} against {own:.2f} "
                 f"({n} of {paper.runs_in_final_stage} runs hit the cap)"
             )
         text = (
@@ -94,8 +94,8 @@ class EmStudy:
             )
         return text + (
             "A model with one more state contains the smaller one, so the maximum cannot fall as states are added: "
-            'a "highest log-likelihood at 4 states" means that restarts with 5 states did not reach their maximum, '
-            "not that 4 states describe people best."
+            'the paper\'s "highest log-likelihood at 4 states" means that its restarts with 5 states did not reach '
+            "their maximum, not that 4 states describe people best."
         )
 
 

@@ -153,6 +153,7 @@ def execute(notebook: NotebookNode, name: str, root: Path = ROOT) -> NotebookNod
             raise NotebookError(f"{place}: took longer than {CELL_SECONDS} s") from None
         except DeadKernelError as error:
             raise NotebookError(f"{name}: the kernel died: {error}") from None
+    notebook.metadata = nbformat.from_dict(_METADATA)  # the kernel adds its version
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         for output in cell.get("outputs", []):

@@ -74,7 +74,9 @@ pd.Series(study.card.columns, name="what it means in the simulated study").to_fr
 # Every data set has a card that says what it is, and what it is not:
 
 # %%
-Markdown("\n".join([f"**{study.card.title}.** {study.card.what}\n"] + [f"- {item}" for item in study.card.what_not]))
+Markdown(
+    "\n".join([f"**{study.card.title}.** {study.card.what}\n"] + [f"- {item}" for item in study.card.what_not])
+)
 
 # %%
 if real is not None:
@@ -199,7 +201,11 @@ if real is not None:
     left, right = panels(4.6, 5.4, height=3.1)
     rate_by_round(response_rates(part, {"k": part.k}), measure="help rate", limits=(0, 1), ax=left)
     plot_still_going(still_going(part), ax=right)
-    show(left, real.card.kind, "Left: cooperation by round, with 95 % intervals. Right: the share of runs that have that round.")
+    show(
+        left,
+        real.card.kind,
+        "Left: cooperation by round, with 95 % intervals. Right: the share of runs that have that round.",
+    )
 
 # %%
 if real is not None:

@@ -40,14 +40,10 @@ def observation_curves(
     offsets = np.linspace(-0.09, 0.09, len(values)) if len(values) > 1 else [0.0]
     for i, (action, value) in enumerate(values.items()):
         x = np.arange(n) + offsets[i]
-        bars = None
+        colour, marker, line = COLOURS[i % 7], MARKERS[i % 7], LINES[i % 7]
+        ax.plot(x, value, color=colour, marker=marker, linestyle=line, label=spoken(action))
         if action in intervals:
-            low, high = intervals[action]
-            bars = np.stack([np.maximum(value - low, 0), np.maximum(high - value, 0)])
-        ax.errorbar(
-            x, value, bars, color=COLOURS[i % 7], marker=MARKERS[i % 7], linestyle=LINES[i % 7], capsize=3,
-            elinewidth=1.2, label=spoken(action),
-        )  # fmt: skip
+            _bars(ax, x, intervals[action], colour)
     _states_below(ax, state_names)
     margin = 0.05 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - margin, limits[1] + margin)
@@ -70,12 +66,17 @@ def initial_belief(
     ax = axes(max(3.0, 2.0 + 0.55 * n), 2.9) if ax is None else ax
     ax.bar(np.arange(n), initial, width=0.62, color=COLOURS[4], edgecolor=COLOURS[0], linewidth=1.0)
     if interval is not None:
-        low, high = interval
-        bars = np.stack([np.maximum(initial - low, 0), np.maximum(high - initial, 0)])
-        ax.errorbar(np.arange(n), initial, bars, color="black", linestyle="none", capsize=3, elinewidth=1.2)
+        _bars(ax, np.arange(n, dtype=np.float64), interval, "black")
     _states_below(ax, state_names)
     ax.set(ylabel="initial belief (probability)", ylim=(0, 1.05))
     return ax
+
+
+def _bars(ax: Axes, x: NDArray[np.float64], interval: Interval, colour: str) -> None:
+    """Draw intervals where they are: one that leaves out its own estimate must be seen to do so."""
+    low, high = interval
+    middle, half = (low + high) / 2, (high - low) / 2
+    ax.errorbar(x, middle, half, linestyle="none", color=colour, capsize=3, elinewidth=1.2)
 
 
 def _states_below(ax: Axes, state_names: Sequence[str]) -> None:

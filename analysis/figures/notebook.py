@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from analysis.figures.style import FAINT, style, styled, to_svg
 from analysis.report.section import Origin
 
-TRUTH = ("simulated truth", "Numbers chosen by this project: no people, no data, nobody's estimate.")
+TRUTH = ("simulated truth", "Numbers chosen by this project: no people, no data.")
 """Badge of the tables behind simulated data."""
 
 

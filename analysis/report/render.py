@@ -15,7 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.report.context import ReportContext
-from analysis.report.section import Figure, Section, Table
+from analysis.report.section import Figure, Part, Section, Table
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS = "\N{MINUS SIGN}"
@@ -31,12 +31,14 @@ class Panel:
 
 def render(sections: Sequence[Section], context: ReportContext) -> str:
     """Draw every figure and fill the page; an exception in a figure fails the report."""
+    blocks = [b for s in sections for b in s.flat() if isinstance(b, Figure | Table | Part)]
+    keys = [*(s.key for s in sections), *(b.key for b in blocks)]
+    twice = {key for key in keys if keys.count(key) > 1}
+    if twice:
+        raise ValueError(f"parts of the report have the same key: {', '.join(sorted(twice))}")
     numbers: dict[str, int] = {}
     for kind in (Figure, Table):
-        blocks = [b for s in sections for b in s.flat() if isinstance(b, kind)]
-        numbers |= {b.key: i for i, b in enumerate(blocks, start=1)}
-        if len({b.key for b in blocks}) < len(blocks):
-            raise ValueError(f"two {kind.__name__.lower()}s of the report have the same key")
+        numbers |= {b.key: i for i, b in enumerate((b for b in blocks if isinstance(b, kind)), start=1)}
     page = _environment().get_template("report.html.j2")
     return page.render(
         sections=sections,
@@ -124,7 +126,7 @@ def shown(value: Any, spec: str = "") -> str:
         return "yes" if value else "no"
     if isinstance(value, float | np.floating) and math.isinf(value):
         return "∞" if value > 0 else f"{MINUS}∞"
-    if not spec:
+    if not spec or isinstance(value, str):
         return str(value)
     if spec.endswith("d"):
         value = int(value)

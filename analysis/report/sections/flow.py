@@ -56,7 +56,7 @@ def _counts(context: ReportContext) -> Table:
     }  # fmt: skip
     formats = {c: ",g" if c == "median" else ",d" for c in frame.columns if c != "condition"}
     headings = {k: v for k, v in headings.items() if k in frame.columns}
-    return Table("flow", frame, caption, (context.origin,), headings=headings, formats=formats)
+    return Table("flow-counts", frame, caption, (context.origin,), headings=headings, formats=formats)
 
 
 def _lengths(context: ReportContext) -> tuple[Block, ...]:

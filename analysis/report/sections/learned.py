@@ -19,6 +19,9 @@ from models.identification import WEAK
 LEVEL = 0.9
 """Level of bootstrap intervals."""
 
+TOLERANCE = 1e-3
+"""Estimates this close to their interval are inside: replicates stop a little before convergence."""
+
 
 def make(context: ReportContext) -> tuple[Block, ...]:
     """Every fitted model; four states and the choice of BIC in full, the others folded away."""
@@ -62,12 +65,40 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
             why = "this is a quick report" if context.effort.quick else "of the size of these data"
             text += f". Fewer replicates than the usual 200, because {why}: their ends are rough"
         blocks.append(Text(f"{text}.", "note"))
+        outside, entries = _outside(context, k)
+        if outside:
+            blocks.append(
+                Text(
+                    f"{outside} of {entries} estimates lie outside their own interval: replicates end at other "
+                    "optima or in another order of states, so these data do not determine those entries.",
+                    "warning",
+                )
+            )
     blocks += attempt("transition tables", partial(_transitions, context, k))
     blocks += attempt("the graph of states", partial(_graphs, context, k))
     blocks.append(_beliefs(context, k))
     blocks += learned_tables.states(context, k)
     blocks += learned_tables.entries(context, k, LEVEL)
     return tuple(blocks)
+
+
+def _outside(context: ReportContext, k: int) -> tuple[int, int]:
+    """Learned entries that lie outside their bootstrap interval, and learned entries in all."""
+    fit, found, bootstrap = context.study.fits[k], context.study.identifications[k], context.study.bootstraps[k]
+    protocol, model = context.protocol, fit.model
+    learned = [a not in found.silent_transitions + found.pinned for a in protocol.action_names]
+    seen = [a not in found.silent_emissions for a in protocol.emission_actions]
+    outside = entries = 0
+    for name, estimate, rows in (
+        ("initial", model.initial, slice(None)),
+        ("transition", model.transition, learned),
+        ("emission", model.emission, seen),
+    ):
+        low, high = bootstrap.interval(name, LEVEL)
+        wrong = (estimate < low - TOLERANCE) | (estimate > high + TOLERANCE)
+        outside += int(wrong[rows].sum())
+        entries += int(wrong[rows].size)
+    return outside, entries
 
 
 def _transitions(context: ReportContext, k: int) -> tuple[Block, ...]:

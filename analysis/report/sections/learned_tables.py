@@ -12,6 +12,9 @@ from analysis.report.section import Block, Part, Table, Text
 from models.identification import WEAK
 from models.labels import dwell_time, expected_score, stationary_distribution
 
+LONG = 1000
+"""Rounds beyond which a dwell time is not spelled out."""
+
 
 def states(context: ReportContext, k: int) -> tuple[Block, ...]:
     """Initial belief, expected response, stationary probability and dwell time of every state."""
@@ -29,18 +32,23 @@ def states(context: ReportContext, k: int) -> tuple[Block, ...]:
     for action in learned:
         table = model.transition[protocol.action(action)]
         frame[f"stationary {action}"] = stationary_distribution(table)
-        frame[f"dwell {action}"] = dwell_time(table)
-        headings |= {f"stationary {action}": "stationary", f"dwell {action}": "dwell (rounds)"}
+        frame[f"dwell {action}"] = [_rounds(d) for d in dwell_time(table)]
+        headings |= {f"stationary {action}": "stationary", f"dwell {action}": "dwell"}
         formats |= {f"stationary {action}": ".3f", f"dwell {action}": ",.1f"}
         groups.append((spoken(action) + (" (held fixed)" if action in found.pinned else ""), 2))
     caption = (
         "States in canonical order. Stationary: long-run share of rounds in the state if the action were taken in "
-        "every round. Dwell: expected rounds until the state is left."
+        "every round. Dwell: expected number of rounds until the state is left."
     )
     table_block = Table(
         f"states-{k}", frame, caption, (context.origin,), headings=headings, formats=formats, groups=tuple(groups)
     )
     return (table_block, Text(_orders(context, k, learned))) if k > 1 else (table_block,)
+
+
+def _rounds(dwell: float) -> object:
+    """A dwell time; beyond any study it is only known to be long, unless the state is never left."""
+    return f">{LONG:,}" if LONG < dwell < np.inf else dwell
 
 
 def _named(name: str, index: int) -> str:

@@ -1,0 +1,209 @@
+"""Notebooks: what is stored is up to date, clean and small, and the runner refuses what it should."""
+
+import re
+
+import nbformat
+import pytest
+
+from analysis import notebooks
+
+LARGEST, LARGEST_TOTAL = 1_000_000, 2_500_000  # bytes
+# Put together from pieces, so that this file does not hold what it looks for.
+HOSTS = [r"\.".join(parts) for parts in (("pypi", "org"), ("python" + "hosted", "org"), ("anaconda", "org"))]
+MACHINE = re.compile("|".join([*HOSTS, *(rf"(?<![\w.~])/{f}/" for f in ("work", "root", "home", "Users", "tmp"))]))
+SCRIPTS = notebooks.scripts()
+NAMES = [path.stem for path in SCRIPTS]
+
+
+def stored(script):
+    return nbformat.read(script.with_suffix(".ipynb"), as_version=4)
+
+
+# -- what is stored --------------------------------------------------------------------------------
+def test_there_are_notebooks_and_each_has_its_pair():
+    assert NAMES
+    assert sorted(p.stem for p in notebooks.FOLDER.glob("*.ipynb")) == NAMES
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_stored_notebook_is_its_script_executed(script):
+    notebooks.check(script)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_outputs_are_clean(script):
+    kinds = set()
+    for cell in stored(script).cells:
+        assert not cell.metadata.keys() - {"tags"}
+        for output in cell.get("outputs", []):
+            kinds.add(output.output_type)
+            assert output.output_type != "error"
+            assert output.get("name") != "stderr"
+            assert notebooks.ABSENT not in output.get("text", "")
+    assert kinds
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_every_figure_says_whose_data_it_shows(script):
+    figures = 0
+    for cell in stored(script).cells:
+        outputs = cell.get("outputs", [])
+        kinds = [next(iter(set(o.get("data", {})) - {"text/plain"}), "") for o in outputs]
+        assert "image/png" not in kinds
+        for kind, following in zip(kinds, [*outputs[1:], None], strict=False):
+            if kind == "image/svg+xml":
+                figures += 1
+                caption = following.data["text/markdown"]
+                assert re.match(r"\*(Simulated|Simulated truth|Real people|Definition)\.\* \S", caption)
+    assert figures
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_nothing_of_the_machine_is_stored(script):
+    text = script.with_suffix(".ipynb").read_text(encoding="utf-8").replace("\\n", "\n")
+    assert not [hit[0] for hit in MACHINE.finditer(text)]
+    metadata = stored(script).metadata
+    assert metadata.keys() == {"jupytext", "kernelspec", "language_info"}
+    assert "version" not in metadata.language_info
+
+
+def test_the_search_finds_what_it_looks_for():
+    assert MACHINE.search('"/ro' + 'ot/x"')
+    assert MACHINE.search("files." + "python" + "hosted.org/x")
+    assert not MACHINE.search("../work/x data/home/x")
+
+
+def test_sizes():
+    sizes = [script.with_suffix(".ipynb").stat().st_size for script in SCRIPTS]
+    assert max(sizes) < LARGEST
+    assert sum(sizes) < LARGEST_TOTAL
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_no_long_functions_in_notebooks(script):
+    for cell in notebooks.read_script(script).cells:
+        if cell.cell_type == "code":
+            assert not re.search(r"^ *def .*(\n +.*){6,}", cell.source, flags=re.MULTILINE)
+
+
+# -- the runner ------------------------------------------------------------------------------------
+HEAD = '# %% [markdown]\n# # A notebook\n\n# %% tags=["parameters"]\nFAST = False\nSEED = 1\n'
+
+
+def script_with(folder, *cells):
+    path = folder / "01_made_up.py"
+    path.write_text(HEAD + "".join(f"\n# %%\n{cell}\n" for cell in cells), encoding="utf-8")
+    return path
+
+
+def printed(path):
+    return [o.text for c in stored(path).cells for o in c.get("outputs", []) if o.output_type == "stream"]
+
+
+def test_a_run_is_stored_and_a_second_one_changes_nothing(tmp_path):
+    path = script_with(tmp_path, "import os\nprint(FAST, SEED, os.listdir())", "1 + 1")
+    notebooks.run(path, root=tmp_path)
+    assert printed(path) == ["False 1 ['01_made_up.py']\n"]
+    notebooks.check(path)
+    first = path.with_suffix(".ipynb").read_bytes()
+    path.with_suffix(".ipynb").unlink()
+    notebooks.run(path, root=tmp_path)
+    assert path.with_suffix(".ipynb").read_bytes() == first
+
+
+def test_a_fast_run_overrides_parameters_and_stores_nothing(tmp_path):
+    path = script_with(tmp_path, "assert FAST is True\nassert SEED == 1")
+    notebooks.run(path, fast=True, root=tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_parameters_are_injected_behind_their_cell(tmp_path):
+    notebook = notebooks.read_script(script_with(tmp_path, "FAST"))
+    sources = [c.source for c in notebooks.with_parameters(notebook, {"FAST": True, "SEED": 2}).cells]
+    assert sources == ["# A notebook", "FAST = False\nSEED = 1", "FAST = True\nSEED = 2", "FAST"]
+    assert len(notebook.cells) == 3
+
+
+def test_an_error_names_notebook_and_cell(tmp_path):
+    path = script_with(tmp_path, "1 + 1", "x = 1 / 0")
+    wanted = r"^01_made_up\.ipynb, code cell 3 \('x = 1 / 0'\): ZeroDivisionError: division by zero$"
+    with pytest.raises(notebooks.NotebookError, match=wanted):
+        notebooks.run(path, root=tmp_path)
+    assert not path.with_suffix(".ipynb").exists()
+
+
+def test_a_warning_is_refused(tmp_path):
+    path = script_with(tmp_path, "import warnings\nwarnings.warn('beware')")
+    with pytest.raises(
+        notebooks.NotebookError, match=r"code cell 2 \('import warnings'\): wrote to stderr.*beware"
+    ):
+        notebooks.run(path, root=tmp_path)
+    assert not path.with_suffix(".ipynb").exists()
+
+
+def test_a_run_without_its_data_is_not_stored(tmp_path):
+    path = script_with(tmp_path, f"print('{notebooks.ABSENT}: no')")
+    with pytest.raises(notebooks.NotebookError, match=r"not stored.*PROSOCIAL_DATA"):
+        notebooks.run(path, root=tmp_path)
+    assert not path.with_suffix(".ipynb").exists()
+    notebooks.run(path, fast=True, root=tmp_path)
+
+
+def executed(path):
+    """Store a notebook as if it had been run."""
+    notebook = notebooks.read_script(path)
+    for i, cell in enumerate((c for c in notebook.cells if c.cell_type == "code"), start=1):
+        cell.execution_count = i
+        cell.outputs = [nbformat.v4.new_output("stream", text="1")]
+    nbformat.write(notebook, path.with_suffix(".ipynb"))
+    return notebook
+
+
+@pytest.mark.parametrize(
+    ("change", "wanted"),
+    [
+        (lambda n: setattr(n.cells[2], "source", "2"), "cell 3: differs from 01_made_up.py"),
+        (lambda n: n.cells.pop(), "found 2 cells, wanted 3"),
+        (lambda n: setattr(n.cells[2], "execution_count", None), "code cell 2: found no output"),
+        (lambda n: [c.outputs.clear() for c in n.cells[1:]], "has no output"),
+    ],
+)
+def test_check_names_what_is_out_of_date(tmp_path, change, wanted):
+    path = script_with(tmp_path, "1")
+    with pytest.raises(notebooks.NotebookError, match="is not there"):
+        notebooks.check(path)
+    notebook = executed(path)
+    notebooks.check(path)
+    change(notebook)
+    nbformat.write(notebook, path.with_suffix(".ipynb"))
+    with pytest.raises(notebooks.NotebookError, match=wanted):
+        notebooks.check(path)
+
+
+def test_a_script_without_parameters_is_refused(tmp_path):
+    path = tmp_path / "01_made_up.py"
+    path.write_text("# %%\nFAST = False\n", encoding="utf-8")
+    with pytest.raises(notebooks.NotebookError, match="not tagged 'parameters'"):
+        notebooks.read_script(path)
+
+
+def test_cell_ids_survive_an_insertion(tmp_path):
+    before = [c.id for c in notebooks.read_script(script_with(tmp_path, "1", "1", "2")).cells]
+    after = [c.id for c in notebooks.read_script(script_with(tmp_path, "0", "1", "1", "2")).cells]
+    assert len(set(before)) == len(before)
+    assert [i for i in after if i in before] == before
+
+
+def test_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(notebooks, "scripts", lambda names: [script_with(tmp_path, "1")])
+    assert notebooks.main(["--check"]) == 1
+    assert "FAILED 01_made_up.ipynb: is not there" in capsys.readouterr().err
+    executed(tmp_path / "01_made_up.py")
+    assert notebooks.main(["--check"]) == 0
+    assert "01_made_up: good" in capsys.readouterr().out
+
+
+def test_an_unknown_name_lists_the_known_ones(capsys):
+    assert notebooks.main(["99_nothing", "--check"]) == 2
+    assert NAMES[0] in capsys.readouterr().err
+    assert [p.stem for p in notebooks.scripts(["01"])] == NAMES[:1]

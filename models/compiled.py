@@ -45,12 +45,21 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     settings: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", **options}
 
+    return _cached(numba.njit(**settings), function)
+
+
+def kernel_callback(signature: Any) -> Any:
+    """`numba.cfunc` with the house's cache: a C function pointer for libraries that call back."""
+    return _cached(numba.cfunc(signature, cache=True), None)
+
+
+def _cached(compile_with: Callable[..., Any], function: Callable[..., Any] | None) -> Any:
     def decorate(target: Callable[..., Any]) -> Any:
         # numba reads the folder while decorating; other users of numba in the process keep theirs.
         before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
         try:
-            return numba.njit(**settings)(target)
+            return compile_with(target)
         finally:
             numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 

@@ -68,16 +68,16 @@ def permute(
 
 
 def stationary_distribution(table: Array) -> Array:
-    """Stationary probabilities of a transition matrix ``[s, s']``.
+    """Stationary probabilities of a transition matrix ``[s, s']``, or of many, ``[..., s, s']``.
 
     Where several exist (a reducible chain, such as a table pinned to the identity) this is the limit of the
     time average from a uniform start.
     """
-    n = len(table)
+    n = table.shape[-1]
     lazy = 0.5 * (table + np.eye(n))
     for _ in range(60):  # squaring reaches step 2**60: the limit to rounding
         lazy = lazy @ lazy
-        lazy /= lazy.sum(axis=1, keepdims=True)
+        lazy /= lazy.sum(axis=-1, keepdims=True)
     return np.full(n, 1.0 / n) @ lazy
 
 

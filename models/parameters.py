@@ -155,6 +155,10 @@ class DirichletPrior:
         return layout.pack(np.full(s, self.initial - 1.0), transition, np.full((e, s, o), self.emission - 1.0))
 
 
+STICKY = DirichletPrior(stay=2.0)
+"""Default prior of the Bayesian model: transition rows Dirichlet(1 + 2 on staying), everything else uniform."""
+
+
 def recorded(log: EventLog) -> int:
     """Recorded responses of a log, refusing logs without any."""
     n = int(np.count_nonzero(log.response != UNSEEN))

@@ -1,0 +1,115 @@
+"""The command ``bayes``: the posterior of the latent-state model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from analysis.cli_em import ConditionOption, DataArgument, PinOption
+from analysis.cli_options import (
+    DEFAULT_SEED,
+    JsonOption,
+    ProtocolOption,
+    QuietOption,
+    Report,
+    SeedOption,
+    check_output,
+    load_protocol,
+)
+
+if TYPE_CHECKING:
+    from models.bayesian_fit import Engine
+    from models.posterior import Posterior
+
+
+def bayes_command(
+    data: DataArgument,
+    condition: ConditionOption = None,
+    states: Annotated[int, typer.Option(min=1, max=12, help="Number of states.")] = 4,
+    kappa: Annotated[float, typer.Option(min=0, help="Stickiness: pseudo-counts on staying.")] = 2.0,
+    draws: Annotated[int, typer.Option(min=4, help="Draws a chain after tuning.")] = 1000,
+    tune: Annotated[int, typer.Option(min=50, help="Tuning draws a chain.")] = 1000,
+    chains: Annotated[int, typer.Option(min=1, help="Chains.")] = 4,
+    engine: Annotated[
+        str, typer.Option(help="direct: the compiled density; pymc: the PyMC model. Same posterior.")
+    ] = "direct",
+    pin: PinOption = None,
+    out: Annotated[str | None, typer.Option("--out", metavar="FIT.nc", help="Write the fit as netCDF.")] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+    protocol: ProtocolOption = None,
+) -> None:
+    """Sample the posterior of the transition and observation tables.
+
+    A fit that was made before with the same data and settings is found in the store; a run that was interrupted
+    goes on with the chains it had completed.
+
+    Example: prosocial bayes simulated_study1 --states 3 --out reports/build/study1_3.nc
+    """
+    import sys
+
+    from analysis import datasets, progress
+    from analysis.fits import stored_fit
+    from analysis.study_selection import select
+    from models.errors import located
+    from models.nuts import NutsSettings
+    from models.parameters import DirichletPrior
+    from models.posterior_files import write_posterior
+
+    report = Report(json, quiet)
+    if engine not in ("direct", "pymc"):
+        raise located("--engine", engine, "direct or pymc")
+    if out is not None:
+        check_output("--out", out)
+    chosen = select(datasets.load(data, load_protocol(protocol)), condition, str(states), pin)
+    digest = datasets.log_digest(chosen.log)
+    sampler = NutsSettings(draws, tune, chains, seed)
+    with progress.shown(quiet) as watch:
+        try:
+            stored = stored_fit(
+                chosen.log, digest, states, prior=DirichletPrior(stay=kappa), pins=dict.fromkeys(chosen.pins),
+                engine=cast("Engine", engine), sampler=sampler, progress=watch,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            print("prosocial: interrupted; completed chains are kept, the same command goes on", file=sys.stderr)
+            raise
+    fit = stored.posterior
+    if out is not None:
+        write_posterior(fit, out, {"data": data, "data_digest": digest, "key": stored.key})
+    report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
+    report.say("Found in the store." if stored.reused else f"Sampled in {fit.sampling_seconds:.1f} s.")
+    report.say(fit.gate.sentence)
+    report.say(fit.sentence)
+    report.say(fit.summary().to_string(float_format=lambda v: f"{v:.3f}"))
+    if not fit.gate.passed:
+        print(f"prosocial: {fit.gate.sentence}", file=sys.stderr)
+    report.finish(
+        {
+            "data": data, "kind": chosen.dataset.card.kind, "digest": digest, "conditions": chosen.conditions,
+            "states": states, "kappa": kappa, "pins": chosen.pins, "engine": engine, "seed": seed,
+            "reused": stored.reused, "stored": stored.path, "out": out, **posterior_to_dict(fit),
+        }
+    )  # fmt: skip
+
+
+def posterior_to_dict(fit: Posterior) -> dict[str, Any]:
+    """Diagnostics, contraction and summary as the command's JSON gives them."""
+    table = fit.summary()
+    gate = fit.gate
+    return {
+        "divergences": gate.divergences,
+        "max_rhat": gate.max_rhat,
+        "min_ess_bulk": gate.min_ess_bulk,
+        "min_ess_tail": gate.min_ess_tail,
+        "cpu_seconds": fit.cpu_seconds,
+        "sampling_seconds": fit.sampling_seconds,
+        "gate": {"passed": gate.passed, "reasons": gate.reasons},
+        "contraction": dict(zip(table.index, table["contraction"].tolist(), strict=True)),
+        "summary": {
+            entry: {name: row[name] for name in ("mean", "sd", "q05", "q50", "q95")}
+            for entry, row in table.to_dict("index").items()
+        },
+        "sentence": fit.sentence,
+    }

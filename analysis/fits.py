@@ -1,0 +1,117 @@
+"""The store of fits: posteriors found again by what determined them, and the chains of interrupted runs.
+
+A fit lies under the hash of model, prior, data digest, seed, sampler and versions, below `PROSOCIAL_CACHE` or
+`.cache/` in the checkout. Chains are kept as they complete, so that an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from models.bayesian_fit import Engine, fit
+from models.compiled import kernel_digest
+from models.events import EventLog
+from models.nuts import Chain, NutsSettings, Progress
+from models.parameters import STICKY, Array, DirichletPrior
+from models.posterior import Posterior
+from models.posterior_files import read_posterior, versions, write_posterior
+
+
+def store_folder() -> Path:
+    """Where fits are kept."""
+    root = os.environ.get("PROSOCIAL_CACHE")
+    return (Path(root) if root else Path(__file__).resolve().parent.parent / ".cache") / "fits"
+
+
+@dataclass(frozen=True)
+class StoredFit:
+    """A fit and where it came from: `reused` says whether it was found rather than sampled."""
+
+    posterior: Posterior
+    path: Path
+    key: str
+    reused: bool
+
+
+def fit_key(data_digest: str, settings: Mapping[str, Any]) -> str:
+    """Hash of everything that determines a fit."""
+    content = {"data": data_digest, "kernels": kernel_digest(), "versions": versions(), **settings}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
+
+
+def stored_fit(
+    log: EventLog,
+    data_digest: str,
+    states: int,
+    *,
+    prior: DirichletPrior = STICKY,
+    pins: Mapping[str, Array | None] | None = None,
+    engine: Engine = "direct",
+    sampler: NutsSettings | None = None,
+    progress: Progress | None = None,
+) -> StoredFit:
+    """Find a fit in the store or sample and keep it.
+
+    Parameters
+    ----------
+    log : EventLog
+        What is learned from: the selected part of the data.
+    data_digest : str
+        Digest of that part (`analysis.datasets.log_digest`).
+    states, prior, pins, engine, sampler, progress
+        As in `models.bayesian_fit.fit`.
+    """
+    sampler = sampler or NutsSettings()
+    settings = {
+        "states": states, "prior": vars(prior), "engine": engine, "sampler": vars(sampler),
+        "pins": {a: None if t is None else np.asarray(t).tolist() for a, t in (pins or {}).items()},
+    }  # fmt: skip
+    key = fit_key(data_digest, settings)
+    path = store_folder() / f"{key}.nc"
+    if path.is_file():
+        return StoredFit(read_posterior(path), path, key, True)
+    done, keep, forget = _chains(store_folder() / f"{key}.chains")
+    posterior = fit(
+        log, states, prior=prior, pins=pins, engine=engine, sampler=sampler, done=done, finished=keep,
+        progress=progress,
+    )  # fmt: skip
+    write_posterior(posterior, path, {"data_digest": data_digest, "study": log.study, "key": key})
+    forget()
+    return StoredFit(posterior, path, key, False)
+
+
+def _chains(folder: Path) -> tuple[dict[int, Chain], Callable[[int, Chain], None], Callable[[], None]]:
+    """Chains of an interrupted run, how to keep another one, and how to clear them away."""
+
+    def keep(number: int, chain: Chain) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        beside = folder / f".{number}.{os.getpid()}"
+        with beside.open("wb") as stream:
+            np.savez(stream, **{"x": chain.x, **chain.stats})  # type: ignore[arg-type]
+        beside.replace(folder / f"{number}.npz")
+
+    def forget() -> None:
+        if folder.is_dir():
+            for path in folder.iterdir():
+                path.unlink()
+            folder.rmdir()
+
+    done = {}
+    if folder.is_dir():
+        for path in sorted(folder.glob("*.npz")):
+            try:
+                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
+                    stats = {k: content[k] for k in content.files if k != "x"}
+                    done[int(path.stem)] = Chain(content["x"], stats)
+            except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+                path.unlink()  # damaged: this chain is sampled again
+    return done, keep, forget

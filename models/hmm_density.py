@@ -1,0 +1,257 @@
+r"""Log-posterior of the latent-state model on unconstrained coordinates, with its exact gradient, compiled.
+
+Every probability row that is sampled is mapped from unconstrained coordinates the way PyMC maps it, so that this
+density equals the PyMC model's to rounding:
+
+- *simplex* rows (Dirichlet): :math:`p = \mathrm{softmax}(x_1, ..., x_{n-1}, -\sum x)`, whose log-Jacobian is
+  :math:`\log n + \sum_i \log p_i`;
+- *logit* rows (Beta on the response with the higher score, where there are two responses):
+  :math:`p = 1 / (1 + e^{-x})`, log-Jacobian :math:`\log p + \log(1 - p)`.
+
+With Dirichlet parameters :math:`\alpha` prior and Jacobian together are :math:`\sum_i \alpha_i \log p_i` plus a
+constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from models.compiled import kernel
+from models.errors import located
+from models.forward_backward import sweep
+from models.histories import HistoryTree
+from models.parameters import Array, Layout, checked_pins
+
+SIMPLEX, LOGIT = 0, 1
+
+
+class RowPlan(NamedTuple):
+    """Where each sampled row sits in theta and in the unconstrained vector.
+
+    Attributes
+    ----------
+    start, width : int64[rows]
+        Slice of the row in theta.
+    kind : int64[rows]
+        `SIMPLEX` or `LOGIT`.
+    top : int64[rows]
+        For `LOGIT` rows the entry of theta that the coordinate drives up.
+    offset : int64[rows]
+        First coordinate of the row.
+    """
+
+    start: NDArray[np.int64]
+    width: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    top: NDArray[np.int64]
+    offset: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class HmmDensity:
+    """The posterior of one study as a function of an unconstrained vector.
+
+    Attributes
+    ----------
+    tree : HistoryTree
+    layout : Layout
+    alpha : float64[theta]
+        Dirichlet (Beta) parameters of every entry; those of pinned tables are not used.
+    pins : mapping
+        Transition tables held fixed.
+    """
+
+    tree: HistoryTree
+    layout: Layout
+    alpha: Array
+    pins: Mapping[str, Array | None]
+
+    def __post_init__(self) -> None:
+        if self.alpha.shape != (self.layout.size,):
+            raise located("prior, parameters", self.alpha.shape, f"({self.layout.size},)")
+        if not np.all(np.isfinite(self.alpha) & (self.alpha > 0)):
+            raise located("prior, parameters", float(np.nanmin(self.alpha)), "finite positive numbers")
+
+    @cached_property
+    def template(self) -> Array:
+        """Theta with the pinned tables filled in."""
+        theta = self.layout.uniform.copy()
+        _, transition, _ = self.layout.unpack(theta)
+        for action, table in checked_pins(self.layout, self.pins).items():
+            transition[self.layout.protocol.action(action)] = table
+        return theta
+
+    @cached_property
+    def plan(self) -> RowPlan:
+        """Sampled rows in the order initial, transition, emission."""
+        free = self.layout.free_entries(checked_pins(self.layout, self.pins))
+        first_emission = 1 + self.layout.n_transition_rows
+        scores = self.layout.protocol.scores
+        columns: list[tuple[int, int, int, int, int]] = []
+        offset = 0
+        for i, row in enumerate(self.layout.rows):
+            width = row.stop - row.start
+            if not free[row.start] or width == 1:
+                continue
+            logit = i >= first_emission and width == 2
+            top = row.start + int(np.argmax(scores)) if logit else -1
+            columns.append((row.start, width, LOGIT if logit else SIMPLEX, top, offset))
+            offset += width - 1
+        return RowPlan(*np.array(columns, dtype=np.int64).reshape(-1, 5).T.copy())
+
+    @cached_property
+    def dimension(self) -> int:
+        """Number of unconstrained coordinates."""
+        return int(np.sum(self.plan.width - 1))
+
+    @cached_property
+    def constant(self) -> float:
+        """Normalising constants of priors and Jacobians, so the density is comparable between models."""
+        total = 0.0
+        for start, width, kind, _, _ in zip(*self.plan, strict=True):
+            a = self.alpha[start : start + width]
+            total += float(gammaln(a.sum()) - gammaln(a).sum())
+            if kind == SIMPLEX:
+                total += float(np.log(width))
+        return total
+
+    def theta(self, x: Array) -> Array:
+        """Constrained parameters of an unconstrained point, in the layout's order."""
+        theta = self.template.copy()
+        constrain(np.ascontiguousarray(x, dtype=np.float64), self.plan, theta)
+        return theta
+
+    def prior_point(self, seed: int | np.random.Generator | None) -> Array:
+        """A draw from the prior, unconstrained: where a chain starts."""
+        rng = np.random.default_rng(seed)
+        theta = self.template.copy()
+        for start, width, *_ in zip(*self.plan, strict=True):
+            p = rng.gamma(self.alpha[start : start + width]) + 1e-6
+            theta[start : start + width] = p / p.sum()
+        return self.unconstrained(theta)
+
+    def unconstrained(self, theta: Array) -> Array:
+        """Inverse of `theta`, for starting points; every sampled entry must be positive."""
+        x = np.empty(self.dimension)
+        for start, width, kind, top, offset in zip(*self.plan, strict=True):
+            p = theta[start : start + width]
+            if not np.all(p > 0):
+                raise located("starting point, probability", float(p.min()), "positive entries")
+            if kind == LOGIT:
+                # Both entries: one minus the other would be zero in the tails.
+                x[offset] = np.log(theta[top]) - np.log(theta[2 * start + 1 - top])
+            else:
+                logs = np.log(p)
+                x[offset : offset + width - 1] = (logs - logs.mean())[:-1]
+        return x
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        """Log-density (priors, Jacobians and normalising constants included) and its gradient."""
+        gradient = np.empty(self.dimension)
+        value = log_density(
+            np.ascontiguousarray(x, dtype=np.float64), gradient, self.tree.arrays, self.layout.sizes,
+            self.layout.emission_index, self.plan, self.alpha, self.template, 1.0,
+        )  # fmt: skip
+        return value + self.constant, gradient
+
+
+@kernel
+def constrain(x, plan, theta):  # type: ignore[no-untyped-def]
+    """Write the sampled rows of theta."""
+    for row in range(len(plan.start)):
+        start, width, offset = plan.start[row], plan.width[row], plan.offset[row]
+        if plan.kind[row] == LOGIT:
+            value = x[offset]
+            # Both tails without cancellation.
+            high = 1.0 / (1.0 + np.exp(-value))
+            low = 1.0 / (1.0 + np.exp(value))
+            theta[plan.top[row]] = high
+            theta[start if plan.top[row] == start + 1 else start + 1] = low
+        else:
+            last = 0.0
+            largest = -np.inf
+            for i in range(width - 1):
+                last -= x[offset + i]
+                largest = max(largest, x[offset + i])
+            largest = max(largest, last)
+            total = 0.0
+            for i in range(width - 1):
+                theta[start + i] = np.exp(x[offset + i] - largest)
+                total += theta[start + i]
+            theta[start + width - 1] = np.exp(last - largest)
+            total += theta[start + width - 1]
+            for i in range(start, start + width):
+                theta[i] /= total
+
+
+@kernel
+def log_density(  # type: ignore[no-untyped-def]
+    x, gradient, tree, sizes, emission_index, plan, alpha, template, temperature
+):
+    """Log-density up to `HmmDensity.constant`; fills the gradient. The likelihood is raised to `temperature`."""
+    states, actions, tables, responses = sizes
+    first, second = states, states + actions * states * states
+    theta = template.copy()
+    constrain(x, plan, theta)
+    slope = np.zeros(len(theta))
+    value = 0.0
+    if temperature > 0.0:
+        work = np.empty((2, len(tree.action), states))
+        scale = np.empty((2, len(tree.action)))
+        value = temperature * sweep(
+            tree,
+            theta[:first],
+            theta[first:second].reshape(actions, states, states),
+            theta[second:].reshape(tables, states, responses),
+            emission_index,
+            slope[:first],
+            slope[first:second].reshape(actions, states, states),
+            slope[second:].reshape(tables, states, responses),
+            work,
+            scale,
+        )
+    for row in range(len(plan.start)):
+        start, width, offset = plan.start[row], plan.width[row], plan.offset[row]
+        mean, total = 0.0, 0.0
+        for i in range(start, start + width):
+            mean += theta[i] * slope[i] * temperature
+            total += alpha[i]
+        if plan.kind[row] == LOGIT:
+            top = plan.top[row]
+            coordinate = x[offset]
+            # log p and log(1 - p), exact in both tails.
+            log_high = (
+                -np.log1p(np.exp(-coordinate)) if coordinate > 0 else coordinate - np.log1p(np.exp(coordinate))
+            )
+            log_low = log_high - coordinate
+            rest = 2 * start + 1 - top
+            value += alpha[top] * log_high + alpha[rest] * log_low
+            gradient[offset] = theta[top] * (slope[top] * temperature - mean) + alpha[top] - total * theta[top]
+        else:
+            last = 0.0
+            largest = -np.inf
+            for i in range(width - 1):
+                last -= x[offset + i]
+                largest = max(largest, x[offset + i])
+            largest = max(largest, last)
+            norm = np.exp(last - largest)
+            for i in range(width - 1):
+                norm += np.exp(x[offset + i] - largest)
+            log_norm = largest + np.log(norm)
+            end = start + width - 1
+            value += alpha[end] * (last - log_norm)
+            tail = theta[end] * (slope[end] * temperature - mean) + alpha[end] - total * theta[end]
+            for i in range(width - 1):
+                j = start + i
+                value += alpha[j] * (x[offset + i] - log_norm)
+                gradient[offset + i] = (
+                    theta[j] * (slope[j] * temperature - mean) + alpha[j] - total * theta[j] - tail
+                )
+    return value

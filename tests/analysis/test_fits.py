@@ -1,0 +1,103 @@
+"""The store of fits: found again, resumed after an interruption, never confused."""
+
+import numpy as np
+import pytest
+
+from analysis import fits
+from analysis.datasets import log_digest
+from models.errors import InputError
+from models.nuts import NutsSettings
+from models.parameters import DirichletPrior
+from models.posterior import TABLES
+from models.simulation import simulate_responses
+from tests.models.test_recovery import truth, varied_design
+
+SHORT = NutsSettings(40, 60, 3)
+
+
+@pytest.fixture(scope="module")
+def log():
+    rng = np.random.default_rng(2)
+    return simulate_responses(truth(), varied_design(60, 4, rng), rng)[0]
+
+
+@pytest.fixture(autouse=True)
+def own_store(tmp_path, monkeypatch):
+    # Kernels stay where they are compiled; only the store moves.
+    monkeypatch.setattr(fits, "store_folder", lambda: tmp_path / "fits")
+    return tmp_path / "fits"
+
+
+def test_a_fit_is_found_again_and_is_the_same(log):
+    first = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    again = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    assert (first.reused, again.reused) == (False, True)
+    for name in TABLES:
+        assert np.array_equal(first.posterior.table(name), again.posterior.table(name))
+
+
+def test_every_setting_has_its_own_key(log):
+    digest = log_digest(log)
+    base = {"states": 2, "prior": vars(DirichletPrior()), "engine": "direct", "sampler": vars(SHORT), "pins": {}}
+    changed = [
+        {"states": 3}, {"prior": vars(DirichletPrior(stay=1.0))}, {"engine": "pymc"}, {"pins": {"help": None}},
+        {"sampler": vars(NutsSettings(40, 60, 3, seed=2))},
+    ]  # fmt: skip
+    keys = {fits.fit_key(digest, base), fits.fit_key("other", base)}
+    keys |= {fits.fit_key(digest, {**base, **change}) for change in changed}
+    assert len(keys) == 2 + len(changed)
+
+
+def test_an_interrupted_run_keeps_complete_chains_and_goes_on(log, own_store, monkeypatch):
+    digest = log_digest(log)
+    whole = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    whole.path.unlink()
+    calls = []
+    from models import nuts
+
+    original = nuts.sample_chain
+
+    def interrupted(density, chain, *rest):
+        calls.append(chain)
+        if chain == 1:
+            raise KeyboardInterrupt
+        return original(density, chain, *rest)
+
+    monkeypatch.setattr(nuts, "sample_chain", interrupted)
+    monkeypatch.setattr(nuts.os, "cpu_count", lambda: 1)
+    with pytest.raises(KeyboardInterrupt):
+        fits.stored_fit(log, digest, 2, sampler=SHORT)
+    kept = sorted(p.name for p in own_store.rglob("*.npz"))
+    assert kept == ["0.npz"]
+    assert not list(own_store.glob("*.nc"))
+
+    calls.clear()
+
+    def counted(density, chain, *rest):
+        calls.append(chain)
+        return original(density, chain, *rest)
+
+    monkeypatch.setattr(nuts, "sample_chain", counted)
+    resumed = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    assert sorted(calls) == [1, 2]
+    for name in TABLES:
+        assert np.array_equal(resumed.posterior.table(name), whole.posterior.table(name))
+    assert not list(own_store.rglob("*.npz"))
+
+
+def test_a_damaged_chain_is_sampled_again(log, own_store):
+    digest = log_digest(log)
+    first = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    first.path.unlink()
+    folder = own_store / f"{first.key}.chains"
+    folder.mkdir()
+    (folder / "0.npz").write_bytes(b"PK\x03\x04 half a file")
+    again = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    assert np.array_equal(first.posterior.table("initial"), again.posterior.table("initial"))
+
+
+def test_a_damaged_fit_in_the_store_is_refused_by_name(log):
+    stored = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    stored.path.write_bytes(stored.path.read_bytes()[:3000])
+    with pytest.raises(InputError, match=rf"{stored.key}\.nc: (not a readable|damaged)"):
+        fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)

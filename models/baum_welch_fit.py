@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models import forward_backward
+from models import inference
 from models.events import EventLog
-from models.histories import HistoryTree
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.parameters import Array
@@ -124,37 +122,21 @@ class BaumWelchFit:
             text += f", the next lies {self.gap_to_second:.2f} below"
         return text + "."
 
-    @cached_property
-    def _tables(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-        m = self.model
-        return m.initial, m.transition, m.emission, m.emission_index
-
     def score(self, log: EventLog) -> float:
         """Log-likelihood of a log under the fitted model."""
-        tree = log.tree()
-        return float(
-            tree.arrays.ends[tree.terminals] @ forward_backward.history_log_likelihoods(tree, *self._tables)
-        )
+        return inference.log_likelihood(self.model, log)
 
     def run_log_likelihoods(self, log: EventLog) -> Array:
         """Log-likelihood of each run of a log; shape ``[runs]``."""
-        tree = log.tree()
-        values = forward_backward.history_log_likelihoods(tree, *self._tables)
-        return values[np.searchsorted(tree.terminals, tree.run_node)]
+        return inference.run_log_likelihoods(self.model, log)
 
     def predict_proba(self, log: EventLog) -> Array:
         """Smoothed state probabilities of every event of a log; shape ``[events, s]``."""
-        tree = log.tree()
-        smoothed = forward_backward.smooth(tree, *self._tables)
-        return smoothed.probability[_event_rows(log, tree, smoothed.offsets)]
+        return inference.smoothed(self.model, log)
 
     def decode(self, log: EventLog) -> tuple[float, NDArray[np.int64]]:
         """Most probable state path: its joint log-probability summed over runs, and the state of every event."""
-        tree = log.tree()
-        decoded = forward_backward.decode(tree, *self._tables)
-        history = np.searchsorted(tree.terminals, tree.run_node)
-        path = decoded.state[_event_rows(log, tree, decoded.offsets)]
-        return float(decoded.log_probability[history].sum()), path
+        return inference.most_probable_path(self.model, log)
 
     def sample(self, design: EventLog, rng: np.random.Generator) -> tuple[EventLog, NDArray[np.int8]]:
         """Draw responses and states under the actions of a log (`models.simulation`)."""
@@ -164,9 +146,3 @@ class BaumWelchFit:
         """The fit as a single draw, for everything that consumes `ModelDraws`."""
         provenance = {"learner": "Baum-Welch", "seed": self.settings.seed, "log_likelihood": self.log_likelihood}
         return ModelDraws.from_models([self.model], provenance=provenance)
-
-
-def _event_rows(log: EventLog, tree: HistoryTree, offsets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of each event of the log among the rows of its distinct history."""
-    history = np.searchsorted(tree.terminals, tree.run_node)
-    return np.repeat(offsets[history], np.diff(log.offsets)) + log.k

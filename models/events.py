@@ -198,6 +198,11 @@ class EventLog:
         """Position of each event in its run, from 0."""
         return np.arange(self.n_events) - np.repeat(self.offsets[:-1], np.diff(self.offsets))
 
+    @property
+    def condition_of_event(self) -> NDArray[np.object_]:
+        """Condition name of each event."""
+        return np.array(self.conditions, dtype=object)[self.condition][self.run_of_event]
+
     def tree(self) -> HistoryTree:
         """Distinct histories with counts (`models.histories`)."""
         return HistoryTree.build(

@@ -13,10 +13,12 @@ from analysis.cli_options import (
     QuietOption,
     Report,
     SeedOption,
-    check_output,
+    check_output_folder,
+    distinct_files,
     load_protocol,
     write_output,
 )
+from analysis.wording import counted
 
 if TYPE_CHECKING:
     from analysis.em_study import EmStudy
@@ -41,7 +43,7 @@ def em_command(
     condition: ConditionOption = None,
     states: StatesOption = None,
     restarts: Annotated[
-        int | None, typer.Option(min=1, help="Random starts; 200 in two stages by default.")
+        int | None, typer.Option(min=1, help="Random starts; by default 200, up to three times over.")
     ] = None,
     paper: Annotated[
         bool,
@@ -50,7 +52,7 @@ def em_command(
         ),
     ] = False,
     pin: PinOption = None,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates of the parametric bootstrap.")] = 0,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Replicates of the bootstrap.")] = 0,
     out: Annotated[
         str | None, typer.Option("--out", metavar="DIR", help="Write a model file for each number of states.")
     ] = None,
@@ -70,34 +72,37 @@ def em_command(
     from analysis.em_study import run_em
     from analysis.study_selection import select
     from models.baum_welch import BaumWelch
-    from models.errors import InputError, located
+    from models.errors import located
 
     report = Report(json, quiet)
     if paper and restarts is not None:
         raise located("--restarts", restarts, "nothing beside --paper, which is 30 restarts by definition")
     if bootstrap == 1:
         raise located("--bootstrap", 1, "0 for none, or at least 2 replicates")
+    files: dict[str, str | Path | None] = {"DATA": data, "--protocol": protocol, "--out": out, "--json": json}
     if out is not None:
-        if Path(out).exists() and not Path(out).is_dir():
-            raise InputError(f"--out {out}: is a file, a folder was wanted")
-        check_output("--out", Path(out) / "model.json")
+        check_output_folder("--out", out)
+    distinct_files(files)
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin)
+    if out is not None:
+        names = [_model_name(k) for k in chosen.states]
+        distinct_files(files | {f"--out, {name}": Path(out) / name for name in names})
     pins = dict.fromkeys(chosen.pins)
 
     def settings(k: int) -> BaumWelch:
         if paper:
             return BaumWelch.paper(k, pins=pins, seed=seed)
         own = BaumWelch(k, pins=pins, seed=seed)
-        return own if restarts is None else replace(own, restarts=restarts)
+        return own if restarts is None else replace(own, restarts=restarts, rounds=1)
 
     with progress.shown(quiet) as watch:
         study = run_em(
             chosen.log, chosen.states, settings=settings, seed=seed,
             bootstrap=dict.fromkeys(chosen.states, bootstrap), progress=watch,
         )  # fmt: skip
-    files = {}
+    written = {}
     if out is not None:
-        files = _write_models(study, Path(out), chosen.dataset.digest, seed)
+        written = _write_models(study, Path(out), chosen.dataset.digest, seed)
     report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; seed {seed}")
     report.say(next(iter(study.fits.values())).settings.sentence)
     for k, fit in study.fits.items():
@@ -112,7 +117,7 @@ def em_command(
             "fits": [
                 {**fit_to_dict(fit), "seconds": study.seconds[k],
                  "identification": study.identifications[k].sentences(),
-                 "bootstrap": _intervals(study, k), "model_file": files.get(k)}
+                 "bootstrap": _intervals(study, k), "model_file": written.get(k)}
                 for k, fit in study.fits.items()
             ],
         }
@@ -133,7 +138,7 @@ def fit_to_dict(fit: BaumWelchFit) -> dict[str, Any]:
         "aic": fit.aic,
         "bic": fit.bic,
         "converged": fit.converged,
-        "restarts": own.restarts,
+        "restarts": fit.restarts,
         "settings": {
             "finalists": fit.runs_in_final_stage, "screening_maps": own.screening_maps, "max_maps": own.max_maps,
             "tolerance": own.tolerance, "patience": own.patience, "accelerate": own.accelerate,
@@ -149,6 +154,10 @@ def fit_to_dict(fit: BaumWelchFit) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _model_name(k: int) -> str:
+    return f"model_{k}_states.json"
+
+
 def _write_models(study: EmStudy, folder: Any, digest: str, seed: int) -> dict[int, str]:
     import json as json_text
 
@@ -156,9 +165,9 @@ def _write_models(study: EmStudy, folder: Any, digest: str, seed: int) -> dict[i
 
     files = {}
     for k, fit in study.fits.items():
-        path = folder / f"model_{k}_states.json"
+        path = folder / _model_name(k)
         content = {
-            "what": f"Baum-Welch estimate with {k} states; {fit.sentence}",
+            "what": f"Baum-Welch estimate with {counted(k, 'state')}; {fit.sentence}",
             **model_to_dict(fit.model),
             "provenance": {"data_digest": digest, "seed": seed, "log_likelihood": fit.log_likelihood,
                            "converged": fit.converged},
@@ -172,7 +181,13 @@ def _intervals(study: EmStudy, k: int) -> dict[str, Any] | None:
     boot = study.bootstraps.get(k)
     if boot is None:
         return None
-    out: dict[str, Any] = {"replicates": boot.replicates, "level": 0.9, "kind": "percentile", "seed": boot.seed}
+    out: dict[str, Any] = {
+        "resampled": boot.kind,
+        "replicates": boot.replicates,
+        "level": 0.9,
+        "kind": "percentile",
+        "seed": boot.seed,
+    }
     for table in ("initial", "transition", "emission"):
         low, high = boot.interval(table)
         out[table] = {"low": low, "high": high}

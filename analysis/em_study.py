@@ -10,15 +10,17 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from models.baum_welch import BaumWelch
+from analysis.wording import counted
+from models.baum_welch import SAME_OPTIMUM, BaumWelch
 from models.baum_welch_fit import BaumWelchFit
-from models.bootstrap import Bootstrap, parametric_bootstrap
+from models.bootstrap import Bootstrap, bootstrap_fit
 from models.errors import located
 from models.events import EventLog
 from models.identification import Identification, identification
 from models.parameters import Array
+from models.protocol import PUBLISHED
+
+MOST_STATES = 12
 
 Progress = Callable[[str, int, int], None]
 """Called with (what is running, done, total)."""
@@ -59,44 +61,68 @@ class EmStudy:
 
     @property
     def best_by_bic(self) -> int:
-        """Number of states with the smallest BIC."""
-        return min(self.fits, key=lambda k: self.fits[k].bic)
+        """Number of states with the smallest BIC; the smallest number among ties (`fewest`)."""
+        return fewest({k: -fit.bic for k, fit in self.fits.items()})
 
     @property
     def best_by_log_likelihood(self) -> int:
-        """Number of states with the largest log-likelihood: the paper's criterion."""
-        return max(self.fits, key=lambda k: self.fits[k].log_likelihood)
+        """Number of states with the largest log-likelihood, the paper's criterion; the smallest among ties."""
+        return fewest({k: fit.log_likelihood for k, fit in self.fits.items()})
 
     @property
     def restarts_sentence(self) -> str:
         """How the paper's procedure and the longer search differ, and what that says about the criterion."""
         if not self.paper_fits:
             return "The published procedure was not run."
-        paper_best = max(self.paper_fits, key=lambda k: self.paper_fits[k].log_likelihood)
         parts = []
         for k, paper in self.paper_fits.items():
             own = self.fits[k].log_likelihood
             n = sum(not o for o in _converged_flags(paper))
             parts.append(
-                f"{k} state{'s' if k > 1 else ''}: {paper.log_likelihood:.2f} against {own:.2f} "
-                f"({n} of {paper.runs_in_final_stage} runs hit the cap)"
+                f"{counted(k, 'state')}: {paper.log_likelihood:.2f} against {own:.2f} "
+                f"({n} of {counted(paper.runs_in_final_stage, 'run')} hit the cap)"
             )
         text = (
             "Log-likelihood of the published procedure (one stage, 30 restarts, at most 1,000 iterations, "
-            f"tolerance 1e-5) against the longer search: {'; '.join(parts)}. "
+            f"tolerance 1e-5) against the longer search: {'; '.join(parts)}."
         )
-        if paper_best == self.best_by_log_likelihood:
-            text += f"Both are highest at {paper_best} states. "
-        else:
+        if len(self.paper_fits) < 2:
+            return text
+        paper_best = fewest({k: fit.log_likelihood for k, fit in self.paper_fits.items()})
+        text += f" The published procedure is highest at {counted(paper_best, 'state')}. {self._own_highest}"
+        text += (
+            " A model with one more state contains the smaller one, so the maximum cannot fall as states are added."
+        )
+        if 5 in self.paper_fits and self.log.protocol == PUBLISHED:
             text += (
-                f"The published procedure is highest at {paper_best} states, the longer search at "
-                f"{self.best_by_log_likelihood}. "
+                ' So the paper\'s "highest log-likelihood at 4 states" means a tie, or that its restarts with 5 '
+                "states did not reach their maximum, not that 4 states describe people best."
             )
-        return text + (
-            "A model with one more state contains the smaller one, so the maximum cannot fall as states are added: "
-            'the paper\'s "highest log-likelihood at 4 states" means that its restarts with 5 states did not reach '
-            "their maximum, not that 4 states describe people best."
+        return text
+
+    @property
+    def _own_highest(self) -> str:
+        """Where the longer search is highest: at the largest number of states, unless it missed a maximum."""
+        largest = max(self.fits)
+        short = self.fits[self.best_by_log_likelihood].log_likelihood - self.fits[largest].log_likelihood
+        if short <= SAME_OPTIMUM:
+            return f"The longer search is highest at the largest number fitted, {largest}, as it must be, up to ties."
+        return (
+            f"The longer search is highest at {self.best_by_log_likelihood} and lower by {short:.2f} at {largest}, "
+            "where it therefore missed the maximum."
         )
+
+
+def fewest(height: Mapping[int, float]) -> int:
+    """Smallest number of states whose value lies within 0.01 of the highest.
+
+    Examples
+    --------
+    >>> fewest({2: -700.0, 3: -650.004, 4: -650.0})
+    3
+    """
+    best = max(height.values())
+    return min(k for k, value in height.items() if best - value <= SAME_OPTIMUM)
 
 
 def _converged_flags(fit: BaumWelchFit) -> list[bool]:
@@ -128,7 +154,7 @@ def run_em(
     with_paper : bool
         Also run the published procedure.
     bootstrap : mapping of int to int, optional
-        Replicates of the parametric bootstrap, by number of states.
+        Replicates of the bootstrap, by number of states.
     progress : callable, optional
     """
     if len(states) == 0:
@@ -145,15 +171,15 @@ def run_em(
     fits, paper, found, boots, seconds = {}, {}, {}, {}, {}
     for k in states:
         started = time.perf_counter()
-        fits[k] = make(k).fit(log, progress=report(f"Baum-Welch, {k} states"))
+        fits[k] = make(k).fit(log, progress=report(f"Baum-Welch, {counted(k, 'state')}"))
         seconds[k] = time.perf_counter() - started
         found[k] = identification(fits[k], log, seed=seed)
         if with_paper:
             own = BaumWelch.paper(k, pins=pins, seed=seed)
-            paper[k] = own.fit(log, progress=report(f"published procedure, {k} states"))
+            paper[k] = own.fit(log, progress=report(f"published procedure, {counted(k, 'state')}"))
         if bootstrap and bootstrap.get(k):
-            boots[k] = parametric_bootstrap(
-                fits[k], log, bootstrap[k], seed=seed, progress=report(f"bootstrap, {k} states")
+            boots[k] = bootstrap_fit(
+                fits[k], log, bootstrap[k], seed=seed, progress=report(f"bootstrap, {counted(k, 'state')}")
             )
     return EmStudy(log, fits, paper, found, boots, seconds, compile_seconds)
 
@@ -166,13 +192,15 @@ def parse_states(text: str) -> tuple[int, ...]:
     >>> parse_states("2-5"), parse_states("2,4")
     ((2, 3, 4, 5), (2, 4))
     """
-    wanted = "a number such as 4, a range such as 2-5 or a list such as 2,4 (1 to 12 states)"
-    values: list[int] = []
+    wanted = f"a number such as 4, a range such as 2-5 or a list such as 2,4 (1 to {MOST_STATES} states)"
+    values: set[int] = set()
     for part in text.split(","):
         low, dash, high = part.strip().partition("-")
-        if not low.isdecimal() or (dash and not high.isdecimal()):
+        ends = [low, high] if dash else [low, low]
+        # Length first: a number of thousands of digits is not worth converting.
+        if not all(end.isdecimal() and len(end) <= 4 and 1 <= int(end) <= MOST_STATES for end in ends):
             raise located("--states", text, wanted)
-        values += range(int(low), int(high if dash else low) + 1)
-    if not values or min(values) < 1 or max(values) > 12:
-        raise located("--states", text, wanted)
-    return tuple(int(v) for v in np.unique(values))
+        if int(ends[0]) > int(ends[1]):
+            raise located("--states", text, f"{wanted}, the smaller number first")
+        values.update(range(int(ends[0]), int(ends[1]) + 1))
+    return tuple(sorted(values))

@@ -30,8 +30,8 @@ Progress = Callable[[int, int], None]
 SAME_OPTIMUM = 0.01
 """Log-likelihoods closer than this count as one optimum in the histogram."""
 
-SCREENING, FINAL = 0, 1
-"""Stages, also the first element of a restart's stream key."""
+AGREEMENT = 3
+"""Runs that must end at the best optimum before a search with several rounds stops."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,9 @@ class BaumWelch:
         Random starting points: T and O rows from Dirichlet(1), uniform initial belief.
     finalists : int or None
         How many of them go on to convergence; None runs every one (a single stage).
+    rounds : int
+        Rounds of restarts at the most: another is added while fewer than `AGREEMENT` runs agree on the best
+        optimum.
     screening_maps : int
         EM maps spent on each starting point before the finalists are chosen.
     max_maps : int
@@ -65,6 +68,7 @@ class BaumWelch:
     n_states: int
     restarts: int = 200
     finalists: int | None = 30
+    rounds: int = 3
     screening_maps: int = 100
     max_maps: int = 20_000
     tolerance: float = 1e-8
@@ -76,7 +80,8 @@ class BaumWelch:
 
     def __post_init__(self) -> None:
         for name, low in (
-            ("n_states", 1), ("restarts", 1), ("screening_maps", 0), ("max_maps", 1), ("patience", 1), ("seed", 0),
+            ("n_states", 1), ("restarts", 1), ("rounds", 1), ("screening_maps", 0), ("max_maps", 1),
+            ("patience", 1), ("seed", 0),
         ):  # fmt: skip
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
@@ -94,8 +99,8 @@ class BaumWelch:
         neither tolerance nor cap: the conventional 1e-5 and 1,000 iterations are used here.
         """
         return cls(
-            n_states, restarts=30, finalists=None, screening_maps=0, max_maps=1000, tolerance=1e-5, patience=1,
-            accelerate=False, pins=pins or {}, seed=seed,
+            n_states, restarts=30, finalists=None, rounds=1, screening_maps=0, max_maps=1000, tolerance=1e-5,
+            patience=1, accelerate=False, pins=pins or {}, seed=seed,
         )  # fmt: skip
 
     @property
@@ -105,7 +110,9 @@ class BaumWelch:
             stages = f"one stage of {self.restarts} restarts"
         else:
             final = min(self.finalists, self.restarts)
-            stages = f"{self.restarts} restarts of {self.screening_maps} EM maps, the best {final} run on"
+            stages = f"{self.restarts} restarts of {self.screening_maps} EM maps, the best {final} of them run on"
+        if self.rounds > 1:
+            stages += f" (up to {self.rounds} such rounds, until {AGREEMENT} runs agree on the best optimum)"
         accelerated = "accelerated (SQUAREM)" if self.accelerate else "plain EM"
         paper = "; the published procedure, whose cap and tolerance are unprinted" if self.is_paper else ""
         return (
@@ -141,40 +148,49 @@ class BaumWelch:
         pins = checked_pins(layout, self.pins)
         problem = _Problem(log.tree(), layout, self.prior.pseudo_counts(layout), layout.free_entries(pins))
         informed = layout.informed_entries(log)
-        starts = [self._start(layout, pins, informed, i) for i in range(self.restarts)]
+        stop = np.zeros(1, dtype=np.uint8)
         own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
         pool = executor or own
         assert pool is not None
-        finalists = self.restarts if self.finalists is None else min(self.finalists, self.restarts)
+        per_round = self.restarts if self.finalists is None else min(self.finalists, self.restarts)
         screened: list[_Run] = []
-        total = (self.restarts if self.finalists is not None else 0) + finalists
-        done = 0
+        runs: list[_Run] = []
+        total = done = 0
 
         def collect(thetas: list[Array], cap: int, tolerance: float, patience: int) -> list[_Run]:
             nonlocal done
-            runs = []
-            settings = (cap, tolerance, patience, self.accelerate)
+            found = []
+            settings = (cap, tolerance, patience, self.accelerate, stop)
             for run in pool.map(_run, [problem] * len(thetas), thetas, [settings] * len(thetas)):
-                runs.append(run)
+                found.append(run)
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            return runs
+            return found
 
         try:
-            if self.finalists is not None:
-                screened = collect(starts, self.screening_maps, 0.0, self.screening_maps + 1)
-                ranking = np.argsort([-run.objective for run in screened], kind="stable")[:finalists]
-                starts = [screened[i].theta for i in ranking]
-            runs = collect(starts, self.max_maps, self.tolerance, self.patience)
+            for number in range(self.rounds):
+                total += (self.restarts if self.finalists is not None else 0) + per_round
+                indices = range(number * self.restarts, (number + 1) * self.restarts)
+                starts = [self._start(layout, pins, informed, i) for i in indices]
+                if self.finalists is not None:
+                    short = collect(starts, self.screening_maps, 0.0, self.screening_maps + 1)
+                    ranking = np.argsort([-run.objective for run in short], kind="stable")[:per_round]
+                    starts = [short[i].theta for i in ranking]
+                    screened += short
+                runs += collect(starts, self.max_maps, self.tolerance, self.patience)
+                best = max(run.objective for run in runs)
+                if sum(best - run.objective <= SAME_OPTIMUM for run in runs) >= min(AGREEMENT, per_round):
+                    break
         except BaseException:
+            stop[0] = 1
             if own is not None:
-                own.shutdown(wait=False, cancel_futures=True)
+                own.shutdown(cancel_futures=True)
             raise
         if own is not None:
             own.shutdown()
-        best = max(range(len(runs)), key=lambda i: runs[i].objective)
-        return _result(self, log, layout, pins, runs, best, [run.log_likelihood for run in screened])
+        winner = max(range(len(runs)), key=lambda i: runs[i].objective)
+        return _result(self, log, layout, pins, runs, winner, [run.log_likelihood for run in screened])
 
     def _start(self, layout: Layout, pins: Mapping[str, Array], informed: NDArray[np.bool_], restart: int) -> Array:
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(self.n_states, restart)))
@@ -210,7 +226,7 @@ class _Run:
         return float(self.trace[-1])
 
 
-def _run(problem: _Problem, theta: Array, settings: tuple[int, float, int, bool]) -> _Run:
+def _run(problem: _Problem, theta: Array, settings: tuple[int, float, int, bool, NDArray[np.uint8]]) -> _Run:
     return _Run(
         *em(
             theta, problem.tree.arrays, problem.layout.sizes, problem.layout.emission_index, problem.pseudo,
@@ -220,12 +236,18 @@ def _run(problem: _Problem, theta: Array, settings: tuple[int, float, int, bool]
 
 
 def refine(
-    log: EventLog, theta: Array, layout: Layout, free: NDArray[np.bool_], settings: BaumWelch
-) -> tuple[Array, float]:
-    """Run one starting point to convergence; returns theta and its log-likelihood (used by the bootstrap)."""
-    problem = _Problem(log.tree(), layout, settings.prior.pseudo_counts(layout), free)
-    run = _run(problem, theta, (settings.max_maps, settings.tolerance, settings.patience, settings.accelerate))
-    return run.theta, run.log_likelihood
+    tree: HistoryTree,
+    theta: Array,
+    layout: Layout,
+    free: NDArray[np.bool_],
+    settings: BaumWelch,
+    stop: NDArray[np.uint8],
+) -> tuple[Array, float, float]:
+    """Run one starting point to convergence: theta, its log-likelihood and its objective (for the bootstrap)."""
+    problem = _Problem(tree, layout, settings.prior.pseudo_counts(layout), free)
+    limits = (settings.max_maps, settings.tolerance, settings.patience, settings.accelerate, stop)
+    run = _run(problem, theta, limits)
+    return run.theta, run.log_likelihood, run.objective
 
 
 def _result(
@@ -266,6 +288,7 @@ def _result(
         n_parameters=int(np.sum((widths - 1) * (rows & free_rows))),
         n_responses=log.n_responses_recorded,
         n_runs=log.n_runs,
+        restarts=len(screened) if screened else len(runs),
         initial_count=expected[0],
         transition_count=expected[1],
         emission_count=expected[2],

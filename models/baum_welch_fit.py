@@ -53,6 +53,8 @@ class BaumWelchFit:
     n_responses : int
         Recorded responses: the sample size in `bic`.
     n_runs : int
+    restarts : int
+        Random starts made, over all rounds.
     initial_count, transition_count, emission_count : arrays
         Expected counts at the optimum, in the shapes of the tables.
     stationarity : float
@@ -74,6 +76,7 @@ class BaumWelchFit:
     n_parameters: int
     n_responses: int
     n_runs: int
+    restarts: int
     initial_count: Array
     transition_count: Array
     emission_count: Array
@@ -110,16 +113,26 @@ class BaumWelchFit:
         return self.optima[0].log_likelihood - self.optima[1].log_likelihood
 
     @property
+    def best_is_doubtful(self) -> bool:
+        """Whether fewer than three runs agree on the best optimum although there were more."""
+        return self.optima[0].restarts < min(3, self.runs_in_final_stage)
+
+    @property
     def sentence(self) -> str:
-        """What was found and how far to trust the search, in one sentence."""
+        """What was found and how far to trust the search, in one sentence (two where it is doubtful)."""
         best = self.optima[0]
         state = "converged" if self.converged else f"did NOT converge within {self.settings.max_maps} EM maps"
+        runs = "final runs" if self.settings.finalists is not None else "restarts"
         text = (
-            f"{self.n_states} states: log-likelihood {self.log_likelihood:.2f}, {state}; "
-            f"{best.restarts} of {self.runs_in_final_stage} final runs ended at this optimum"
+            f"{self.n_states} state{'s' if self.n_states > 1 else ''}: log-likelihood {self.log_likelihood:.2f}, "
+            f"{state}; {best.restarts} of {self.runs_in_final_stage} {runs} ended at this optimum"
         )
         if len(self.optima) > 1:
             text += f", the next lies {self.gap_to_second:.2f} below"
+        if self.best_is_doubtful:
+            text += (
+                f". WARNING: reached by only {best.restarts}; another seed or more restarts may find a better one"
+            )
         return text + "."
 
     def score(self, log: EventLog) -> float:

@@ -99,13 +99,21 @@ def fit(
     flat_theta = np.concatenate([t.reshape(*t.shape[:2], -1) for t in posterior], axis=-1)
     by_history = history_log_likelihoods(density.tree, layout, flat_theta)
     rng = np.random.default_rng(np.random.SeedSequence(sampler.seed, spawn_key=(PRIOR_STREAM, states)))
-    prior_theta = constrained(density, np.stack([density.prior_point(rng) for _ in range(PRIOR_DRAWS)])[None])
-    data = _tree(log, posterior, _labelled(prior_theta, layout, log), stats, by_history, density)
+    prior_theta = _prior_draws(density, PRIOR_DRAWS, rng)
+    data = _tree(log, posterior, _labelled(prior_theta[None], layout, log), stats, by_history, density)
     names, quantities = _gate_quantities(layout, posterior, by_history, density, log)
     gate = convergence_gate(quantities, names, int(stats["diverging"].sum()))
     return Posterior(
         data, log.protocol, gate, settings, log.emission_weights, time.process_time() - started[0], seconds
     )
+
+
+def _prior_draws(density: HmmDensity, n: int, rng: np.random.Generator) -> Array:
+    theta = np.tile(density.template, (n, 1))
+    for start, width, *_ in zip(*density.plan, strict=True):
+        row = slice(start, start + width)
+        theta[:, row] = rng.dirichlet(density.alpha[row], size=n)
+    return theta
 
 
 def _labelled(theta: Array, layout: Layout, log: EventLog) -> tuple[Array, Array, Array]:

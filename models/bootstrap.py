@@ -1,8 +1,13 @@
-"""Parametric bootstrap of a Baum-Welch fit: intervals that respect the boundary of the simplex.
+"""Bootstrap of a Baum-Welch fit: intervals that respect the boundary of the simplex.
 
-Each replicate draws new responses from the fitted model under the study's own design, refits it and puts the
-states back into canonical order. Entries estimated at 0 or 1, where the information matrix says nothing, get
-honest intervals this way; so do entries that the study cannot tell apart, whose intervals come out wide.
+*Parametric*, where every person has one run: each replicate draws new responses from the fitted model under the
+study's own design. *By participant*, where people have several runs: whole people are drawn with replacement,
+since runs of one person are more alike than the model says and intervals that ignore it are too narrow.
+Each replicate is refitted and its states put back into canonical order.
+
+What the intervals are not: on the boundary of the simplex no bootstrap is consistent, and a replicate is refitted
+from the estimate and a few random starts, so the spread is that of good local optima. Where the study hardly
+informs an entry its interval is wide and says just that.
 """
 
 from __future__ import annotations
@@ -39,6 +44,8 @@ class Bootstrap:
     emission : float64[b, e, s, o]
     log_likelihood : float64[b]
     seed : int
+    by_participant : bool
+        Whole people were resampled; otherwise responses were drawn from the fitted model.
     """
 
     initial: Array
@@ -46,6 +53,12 @@ class Bootstrap:
     emission: Array
     log_likelihood: Array
     seed: int
+    by_participant: bool = False
+
+    @property
+    def kind(self) -> str:
+        """How replicates were made, in words."""
+        return "bootstrap by participant" if self.by_participant else "parametric bootstrap"
 
     @property
     def replicates(self) -> int:
@@ -62,7 +75,7 @@ class Bootstrap:
         return low, high
 
 
-def parametric_bootstrap(
+def bootstrap_fit(
     fit: BaumWelchFit,
     log: EventLog,
     replicates: int = 200,
@@ -72,7 +85,7 @@ def parametric_bootstrap(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> Bootstrap:
-    """Simulate, refit and relabel.
+    """Make replicates, refit and relabel; by participant where people have several runs.
 
     Parameters
     ----------
@@ -92,9 +105,18 @@ def parametric_bootstrap(
     free = layout.free_entries(fit.pins)
     moves = free & layout.informed_entries(log)
 
+    by_participant = log.n_runs > log.n_participants
+    tree = log.tree()
+    people, person = np.unique(log.participant, return_inverse=True)
+    stop = np.zeros(1, dtype=np.uint8)
+
     def one(index: int) -> tuple[Array, Array, Array, float]:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, fit.n_states, index)))
-        study, _ = simulate_responses(fit.model, log, rng)
+        if by_participant:
+            drawn = np.bincount((rng.random(len(people)) * len(people)).astype(int), minlength=len(people))
+            study = tree.with_runs(drawn[person].astype(np.float64))
+        else:
+            study = simulate_responses(fit.model, log, rng)[0].tree()
         m = fit.model
         warm = layout.pack(m.initial, m.transition, m.emission)
         starts = [np.where(moves, (1 - START_INSIDE) * warm + START_INSIDE * layout.uniform, warm)]
@@ -104,7 +126,8 @@ def parametric_bootstrap(
                 np.full(s, 1 / s), rng.dirichlet(np.ones(s), (a, s)), rng.dirichlet(np.ones(o), (e, s))
             )
             starts.append(np.where(moves, random, warm))
-        theta, value = max((refine(study, t, layout, free, fit.settings) for t in starts), key=lambda r: r[1])
+        refined = [refine(study, start, layout, free, fit.settings, stop) for start in starts]
+        theta, value, _ = max(refined, key=lambda run: run[2])
         tables = layout.unpack(theta)
         order = canonical_order(tables[2], log.protocol.scores, fit.emission_weights)
         return (*permute(order, *tables), value)
@@ -119,12 +142,13 @@ def parametric_bootstrap(
             if progress is not None:
                 progress(len(results), replicates)
     except BaseException:
+        stop[0] = 1
         if own is not None:
-            own.shutdown(wait=False, cancel_futures=True)
+            own.shutdown(cancel_futures=True)
         raise
     if own is not None:
         own.shutdown()
     return Bootstrap(
         np.stack([r[0] for r in results]), np.stack([r[1] for r in results]), np.stack([r[2] for r in results]),
-        np.array([r[3] for r in results]), seed,
+        np.array([r[3] for r in results]), seed, by_participant,
     )  # fmt: skip

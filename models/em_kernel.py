@@ -96,13 +96,13 @@ def _extrapolate(theta, one, two, out, sizes, free):  # type: ignore[no-untyped-
 
 @kernel
 def em(  # type: ignore[no-untyped-def]
-    theta, tree, sizes, emission_index, pseudo, free, cap, tolerance, patience, accelerate
+    theta, tree, sizes, emission_index, pseudo, free, cap, tolerance, patience, accelerate, stop
 ):
     """Iterate to convergence or to the cap.
 
     Returns the final theta, the trace of the objective (one entry an accepted iterate), the final
     log-likelihood, the gradient there, the number of EM maps computed and whether the gain stayed below
-    `tolerance` for `patience` accepted iterates in a row.
+    `tolerance` for `patience` accepted iterates in a row. Another thread ends the run by setting ``stop[0]``.
     """
     nodes = len(tree.action)
     states = sizes[0]
@@ -124,7 +124,7 @@ def em(  # type: ignore[no-untyped-def]
     entries += 1
     converged = False
     # Invariant: `one` is F(current), `objective` is the objective at `current`.
-    while maps < cap and objective > -np.inf:
+    while maps < cap and objective > -np.inf and stop[0] == 0:
         value, prior = objective_and_step(
             one, two, tree, sizes, emission_index, pseudo, free, gradient, work, scale
         )

@@ -10,7 +10,9 @@ log-likelihood is assembled in the same sweep; expected counts are ``parameter *
 (:math:`\xi = T\,\partial\ell/\partial T`). Work is proportional to the nodes of the tree, not to the events.
 
 Probabilities are rescaled only when a forward vector falls below `TINY`, so runs of thousands of events
-neither underflow nor pay for logarithms.
+neither underflow nor pay for logarithms. One limit remains: a state whose share of the forward vector falls below
+1e-308 within a run is lost even if later events would favour it, which takes states that cannot reach each other
+and evidence beyond those odds.
 """
 
 from __future__ import annotations

@@ -75,7 +75,9 @@ def convergence_gate(draws: NDArray[np.float64], names: list[str], divergences: 
     """
     import arviz as az
 
-    varies = np.ptp(draws.reshape(-1, draws.shape[-1]), axis=0) > 1e-14
+    with np.errstate(invalid="ignore"):
+        # A quantity that is not a number is kept, so that it shuts the gate.
+        varies = ~(np.ptp(draws.reshape(-1, draws.shape[-1]), axis=0) <= 1e-14)
     kept = [n for n, ok in zip(names, varies, strict=True) if ok]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -76,8 +76,9 @@ class HmmDensity:
     def __post_init__(self) -> None:
         if self.alpha.shape != (self.layout.size,):
             raise located("prior, parameters", self.alpha.shape, f"({self.layout.size},)")
-        if not np.all(np.isfinite(self.alpha) & (self.alpha > 0)):
-            raise located("prior, parameters", float(np.nanmin(self.alpha)), "finite positive numbers")
+        usable = np.isfinite(self.alpha) & (self.alpha > 0)
+        if not np.all(usable):
+            raise located("prior, parameters", float(self.alpha[~usable][0]), "finite positive numbers")
 
     @cached_property
     def template(self) -> Array:

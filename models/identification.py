@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.forward_backward import log_likelihood_and_gradient
-from models.parameters import Array, Layout
+from models.parameters import Array, Layout, on_boundary
 
 WEAK = 5.0
 """Expected visits below which a row is called weakly supported."""
@@ -21,6 +21,16 @@ BOUNDARY = 1e-4
 
 RANK_WORK = 40_000_000
 """Bound on histories x nodes spent on the rank; beyond it a fixed sample of histories is used."""
+
+
+UNIFORM_PRECISION = 12.0
+"""One over the variance of a uniform variable on the unit interval."""
+
+INSIDE = 0.05
+"""Share of the uniform distribution mixed into an estimate before its information is computed."""
+
+STREAM = 7_002
+"""First element of the spawn keys used here."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,10 @@ class Identification:
     constant_actions : bool
         Within a person, each mode always came with one and the same action.
     on_boundary : int
-        Free entries estimated within 1e-4 of 0 or 1.
+        Free parameters estimated within 1e-4 of 0 or 1 (`models.parameters.on_boundary`).
+    hardly_informed : int
+        Directions in which the information in these data, at the estimate moved slightly inside, is less than
+        the precision of a uniform variable (12): the data say less about them than a uniform prior would.
     n_parameters, rank : int
         Free parameters of the informed tables, and how many directions the likelihood of the observed
         histories can tell apart near a generic point (numerical rank of their scores).
@@ -60,6 +73,7 @@ class Identification:
     on_boundary: int
     n_parameters: int
     rank: int
+    hardly_informed: int
     n_missing: int
 
     @property
@@ -103,19 +117,23 @@ class Identification:
                 f"{self.deficiency} direction{'s' if self.deficiency > 1 else ''} the likelihood is flat, and "
                 "the reported entries are one of infinitely many equally good answers."
             )
-        weak = [*self.weak_transitions, *self.weak_emissions]
-        if weak:
-            shown = ", ".join(f"{a} from {s} ({n:.1f})" for a, s, n in weak[:6])
-            more = f" and {len(weak) - 6} more" if len(weak) > 6 else ""
+        if self.hardly_informed > 0:
             out.append(
-                f"{len(weak)} row{'s' if len(weak) > 1 else ''} of the tables rest on fewer than {WEAK:.0f} "
-                f"expected visits: {shown}{more}."
+                f"{self.hardly_informed} of {self.n_parameters} directions in parameter space carry less "
+                "information than a uniform prior would: many different tables fit these data almost equally well."
             )
+        weak = [f"move after {a} from {s} ({n:.1f})" for a, s, n in self.weak_transitions]
+        weak += [f"response under {a} in {s} ({n:.1f})" for a, s, n in self.weak_emissions]
+        if weak:
+            shown = ", ".join(weak[:6])
+            more = f" and {len(weak) - 6} more" if len(weak) > 6 else ""
+            rows = "1 row of the tables rests" if len(weak) == 1 else f"{len(weak)} rows of the tables rest"
+            out.append(f"{rows} on fewer than {WEAK:.0f} expected visits: {shown}{more}.")
         if self.on_boundary:
             out.append(
-                f"{self.on_boundary} free entries are estimated at 0 or 1 (within 1e-4). That is how maximum "
-                "likelihood treats sparse data, not evidence of impossibility; standard errors from the "
-                "information matrix do not hold there."
+                f"{self.on_boundary} of {self.n_parameters} free parameters are estimated at 0 or 1 (within 1e-4). "
+                "That is how maximum likelihood treats sparse data, not evidence of impossibility; standard errors "
+                "from the information matrix do not hold there."
             )
         if self.constant_actions:
             out.append(
@@ -156,32 +174,35 @@ def identification(fit: BaumWelchFit, log: EventLog, *, seed: int = 1) -> Identi
     theta = layout.pack(model.initial, model.transition, model.emission)
     free = layout.free_entries(fit.pins)
     boundary = sum(
-        int(np.sum((theta[row] < BOUNDARY) | (theta[row] > 1 - BOUNDARY)))
+        on_boundary(theta[row], BOUNDARY)
         for row, used in zip(layout.rows, informed, strict=True)
-        if used and free[row.start] and row.stop - row.start > 1
+        if used and free[row.start]
     )
+    several = n > 1
     return Identification(
-        silent_transitions=silent_t,
+        silent_transitions=silent_t if several else (),
         silent_emissions=silent_e,
-        pinned=tuple(fit.pins),
-        weak_transitions=weak_t,
+        pinned=tuple(fit.pins) if several else (),
+        weak_transitions=weak_t if several else (),
         weak_emissions=weak_e,
-        strict_alternation=strictly_alternating(log),
-        constant_actions=constant_actions(log),
+        strict_alternation=several and strictly_alternating(log),
+        constant_actions=several and constant_actions(log),
         on_boundary=boundary,
         n_parameters=fit.n_parameters,
         rank=score_rank(log, layout, fit.pins, seed=seed),
+        hardly_informed=hardly_informed(fit, log, layout, seed=seed),
         n_missing=log.n_missing,
     )
 
 
 def strictly_alternating(log: EventLog) -> bool:
-    """Whether no run of the log, silent modes included, ever repeats a mode in consecutive events."""
+    """Whether modes never repeat within a run although responses are seen on both sides of a silent event."""
     mode = np.asarray(log.protocol.mode_of_action)[log.action]
-    repeat = mode[1:] == mode[:-1]
-    repeat[log.offsets[1:-1] - 1] = False
-    silent_used = not bool(np.all(log.shows))
-    return silent_used and log.n_events > log.n_runs and not bool(repeat.any())
+    inside = log.run_of_event[1:] == log.run_of_event[:-1]
+    if bool(np.any(inside & (mode[1:] == mode[:-1]))):
+        return False
+    around = log.run_of_event[2:] == log.run_of_event[:-2]
+    return bool(np.any(around & log.shows[2:] & ~log.shows[1:-1] & log.shows[:-2]))
 
 
 def constant_actions(log: EventLog) -> bool:
@@ -198,7 +219,35 @@ def _listed(names: tuple[str, ...]) -> str:
 
 def score_rank(log: EventLog, layout: Layout, pins: Mapping[str, Array], *, seed: int = 1) -> int:
     """Numerical rank of the scores of the observed histories with respect to the free, informed parameters."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7_002,)))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 0)))
+    best = 0
+    for _ in range(2):
+        theta = np.concatenate([rng.dirichlet(np.full(r.stop - r.start, 5.0)) for r in layout.rows])
+        _, transition, _ = layout.unpack(theta)
+        for action, table in pins.items():
+            transition[layout.protocol.action(action)] = table
+        singular = np.linalg.svd(_scores(log, layout, pins, theta, rng)[0], compute_uv=False)
+        if len(singular):
+            best = max(best, int(np.sum(singular > 1e-9 * singular[0])))
+    return best
+
+
+def hardly_informed(fit: BaumWelchFit, log: EventLog, layout: Layout, *, seed: int = 1) -> int:
+    """Count the eigenvalues below `UNIFORM_PRECISION` of the empirical information at the fit moved inside."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1)))
+    m = fit.model
+    free = layout.free_entries(fit.pins)
+    theta = layout.pack(m.initial, m.transition, m.emission)
+    theta = np.where(free, (1 - INSIDE) * theta + INSIDE * layout.uniform, theta)
+    scores, weight = _scores(log, layout, fit.pins, theta, rng)
+    information = (scores * weight[:, None]).T @ scores
+    return int(np.sum(np.linalg.eigvalsh(information) < UNIFORM_PRECISION)) if information.size else 0
+
+
+def _scores(
+    log: EventLog, layout: Layout, pins: Mapping[str, Array], theta: Array, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Score of each distinct history (of a sample of them in a large log) and how many runs it stands for."""
     tree = log.tree()
     informed, free = layout.informed_rows(log), layout.free_entries(pins)
     rows = [row for row, used in zip(layout.rows, informed, strict=True) if used and free[row.start]]
@@ -208,22 +257,13 @@ def score_rank(log: EventLog, layout: Layout, pins: Mapping[str, Array], *, seed
     limit = max(2 * len(keep), RANK_WORK // max(tree.n_nodes, 1))
     if len(terminals) > limit:
         terminals = rng.permutation(terminals)[:limit]
-    best = 0
-    for _ in range(2):
-        theta = np.concatenate([rng.dirichlet(np.full(r.stop - r.start, 5.0)) for r in layout.rows])
-        _, transition, _ = layout.unpack(theta)
-        for action, table in pins.items():
-            transition[layout.protocol.action(action)] = table
-        scores = np.empty((len(terminals), len(keep)))
-        for i, node in enumerate(terminals):
-            one: NDArray[np.float64] = np.zeros(tree.n_nodes)
-            one[node] = 1.0
-            result = log_likelihood_and_gradient(
-                tree.with_counts(one), *layout.unpack(theta), layout.emission_index
-            )
-            gradient = layout.pack(result.initial, result.transition, result.emission)
-            scores[i] = gradient[keep] - gradient[reference]
-        singular = np.linalg.svd(scores, compute_uv=False)
-        if len(singular):
-            best = max(best, int(np.sum(singular > 1e-9 * singular[0])))
-    return best
+    weight = tree.arrays.ends[terminals]
+    weight = weight * (log.n_runs / weight.sum())
+    scores = np.empty((len(terminals), len(keep)))
+    for i, node in enumerate(terminals):
+        one: NDArray[np.float64] = np.zeros(tree.n_nodes)
+        one[node] = 1.0
+        result = log_likelihood_and_gradient(tree.with_counts(one), *layout.unpack(theta), layout.emission_index)
+        gradient = layout.pack(result.initial, result.transition, result.emission)
+        scores[i] = gradient[keep] - gradient[reference]
+    return scores, weight

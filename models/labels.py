@@ -81,6 +81,17 @@ def stationary_distribution(table: Array) -> Array:
     return np.full(n, 1.0 / n) @ lazy
 
 
+def stationary_is_unique(table: Array) -> bool:
+    """Whether a transition matrix ``[s, s']`` has one stationary distribution: one eigenvalue within 1e-6 of 1.
+
+    Examples
+    --------
+    >>> stationary_is_unique(np.array([[0.9, 0.1], [0.3, 0.7]])), stationary_is_unique(np.eye(2))
+    (True, False)
+    """
+    return int(np.sum(np.abs(np.linalg.eigvals(table) - 1.0) < 1e-6)) == 1
+
+
 def dwell_time(table: Array) -> Array:
     """Expected rounds spent in each state before leaving, 1 / (1 - T[s, s]); infinite where never left."""
     leave = 1.0 - np.diag(table)

@@ -122,6 +122,8 @@ def read_json(path: str | Path) -> Any:
         raise InputError(f"{path}: is a folder, a JSON file was wanted") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
+    except RecursionError:
+        raise InputError(f"{path}: JSON nested too deeply to be read") from None
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}, line {error.lineno}, column {error.colno}: not valid JSON: {error.msg}"

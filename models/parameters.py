@@ -103,6 +103,18 @@ class Layout:
         return np.repeat(1.0 / widths, widths)
 
 
+def on_boundary(row: Array, boundary: float) -> int:
+    """Free parameters of a probability row that sit at 0 or 1: its degrees of freedom less those inside.
+
+    Examples
+    --------
+    >>> on_boundary(np.array([0.0, 1.0]), 1e-4), on_boundary(np.array([0.0, 0.3, 0.7]), 1e-4)
+    (1, 1)
+    """
+    inside = int(np.sum((row > boundary) & (row < 1 - boundary)))
+    return len(row) - 1 - max(inside - 1, 0)
+
+
 def checked_pins(layout: Layout, pins: Mapping[str, Array | None]) -> dict[str, Array]:
     """Transition tables to hold fixed, by action; None means the identity.
 

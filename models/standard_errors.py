@@ -13,7 +13,7 @@ import numpy as np
 from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.forward_backward import log_likelihood_and_gradient
-from models.parameters import Array, Layout
+from models.parameters import Array, Layout, on_boundary
 
 BOUNDARY = 1e-4
 STEP = 1e-5
@@ -65,7 +65,7 @@ def standard_errors(fit: BaumWelchFit, log: EventLog) -> StandardErrors:
             continue
         top = row.start + int(np.argmax(theta[row]))
         inside = [i for i in range(row.start, row.stop) if i != top and theta[i] > BOUNDARY]
-        boundary += row.stop - row.start - 1 - len(inside)
+        boundary += on_boundary(theta[row], BOUNDARY)
         entries += inside
         reference += [top] * len(inside)
     to, off = np.array(entries, dtype=int), np.array(reference, dtype=int)

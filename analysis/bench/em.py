@@ -23,6 +23,8 @@ from models.events import EventLog
 from models.histories import HistoryTree
 from models.parameters import Layout
 
+NEVER = np.zeros(1, dtype=np.uint8)
+
 CAP = 100
 """EM iterations of every restart in the 30-restart fits, for both sides: a fixed amount of work."""
 
@@ -51,7 +53,7 @@ def _theta(layout: Layout, seed: int) -> np.ndarray:
 
 def _maps(tree: HistoryTree, layout: Layout, theta: np.ndarray, maps: int) -> None:
     zeros, free = np.zeros(layout.size), np.ones(layout.size, dtype=bool)
-    em(theta, tree.arrays, layout.sizes, layout.emission_index, zeros, free, maps, -np.inf, 1, False)
+    em(theta, tree.arrays, layout.sizes, layout.emission_index, zeros, free, maps, -np.inf, 1, False, NEVER)
 
 
 def _iteration(log: EventLog, states: int, repeats: int, peer: Any) -> Iterator[Row]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models.baum_welch import BaumWelch
-from models.bootstrap import parametric_bootstrap
+from models.bootstrap import bootstrap_fit
 from models.errors import InputError
 from models.identification import constant_actions, identification, strictly_alternating
 from models.lspomdp import LatentStatePOMDP
@@ -224,9 +224,9 @@ def test_entries_on_the_boundary_get_no_standard_error(fit, study):
 
 def test_the_bootstrap_is_reproducible_and_in_order(fit, study):
     small = study.select(runs=np.arange(150))
-    one = parametric_bootstrap(fit, small, 6, seed=3)
+    one = bootstrap_fit(fit, small, 6, seed=3)
     with ThreadPoolExecutor(1) as pool:
-        two = parametric_bootstrap(fit, small, 6, seed=3, executor=pool)
+        two = bootstrap_fit(fit, small, 6, seed=3, executor=pool)
     for name in ("initial", "transition", "emission", "log_likelihood"):
         assert np.array_equal(getattr(one, name), getattr(two, name))
     assert one.replicates == 6
@@ -239,8 +239,8 @@ def test_the_bootstrap_is_reproducible_and_in_order(fit, study):
 
 def test_unusable_bootstrap_questions_are_refused(fit, study):
     with pytest.raises(InputError, match="bootstrap, replicates: found 1, wanted at least 2"):
-        parametric_bootstrap(fit, study, 1)
-    boot = parametric_bootstrap(fit, study.select(runs=np.arange(20)), 2, extra_starts=0)
+        bootstrap_fit(fit, study, 1)
+    boot = bootstrap_fit(fit, study.select(runs=np.arange(20)), 2, extra_starts=0)
     with pytest.raises(InputError, match="bootstrap, table: found 'trans', wanted initial, transition or emission"):
         boot.interval("trans")
     with pytest.raises(InputError, match=r"bootstrap, level: found 90, wanted between 0 and 1"):
@@ -302,3 +302,65 @@ def test_weakly_supported_rows_are_listed():
         row = fit.model.state_names.index(state)
         assert count == pytest.approx(fit.transition_count[PUBLISHED.action(action), row].sum())
         assert count < 5
+
+
+def test_rounds_are_added_until_runs_agree_and_the_doubt_is_said(study):
+    easy = BaumWelch(2, restarts=6, finalists=4, rounds=3, screening_maps=30).fit(study)
+    assert easy.restarts == 6
+    assert not easy.best_is_doubtful
+    hard = BaumWelch(4, restarts=4, finalists=3, rounds=3, screening_maps=5).fit(study.select(runs=np.arange(120)))
+    assert hard.restarts == 12
+    assert hard.runs_in_final_stage == 9
+    assert hard.best_is_doubtful
+    assert "WARNING: reached by only" in hard.sentence
+    once = BaumWelch(4, restarts=4, finalists=3, rounds=1, screening_maps=5).fit(study.select(runs=np.arange(120)))
+    assert once.log_likelihood <= hard.log_likelihood
+
+
+def test_people_with_several_runs_are_resampled_whole(fit, study):
+    """Copies of the same run within a person carry no news: resampling people must not narrow, the model would."""
+    base = study.select(runs=np.arange(60))
+    times = 9
+    runs = np.repeat(np.arange(60), times)
+    lengths = np.diff(base.offsets)
+    events = np.concatenate([np.arange(base.offsets[r], base.offsets[r + 1]) for r in runs])
+    copies = replace(
+        base,
+        offsets=np.append(0, np.cumsum(lengths[runs])),
+        participant=base.participant[runs],
+        sequence=np.tile(np.arange(times), 60),
+        condition=base.condition[runs],
+        action=base.action[events],
+        response=base.response[events],
+    )
+    settings = BaumWelch(1, restarts=1, finalists=1)
+    one, many = settings.fit(base), settings.fit(copies)
+    assert np.allclose(one.model.emission, many.model.emission)
+    spread = bootstrap_fit(one, base, 60, extra_starts=0).emission.std(axis=0)
+    copied = bootstrap_fit(many, copies, 60, extra_starts=0)
+    assert copied.by_participant
+    assert copied.kind == "bootstrap by participant"
+    assert np.all(copied.emission.std(axis=0) > 0.6 * spread)
+
+
+def test_few_people_hardly_inform_many_states(study):
+    few = study.select(runs=np.arange(40))
+    fitted = BaumWelch(3, restarts=4, finalists=2, screening_maps=20).fit(few)
+    found = identification(fitted, few)
+    assert found.hardly_informed > 0
+    assert any(f"{found.hardly_informed} of {found.n_parameters} directions" in s for s in found.sentences())
+
+
+def test_one_state_has_no_transitions_to_speak_of(study):
+    fitted = BaumWelch(1, restarts=1, finalists=1).fit(study)
+    found = identification(fitted, study)
+    assert not found.strict_alternation
+    assert not found.constant_actions
+    assert found.silent_transitions == ()
+
+
+def test_alternation_needs_responses_on_both_sides():
+    h, r = (2, 1), (1, -1)  # no_signal with a response; help, silent
+    assert strictly_alternating(design_of([[h, r, h]] * 3))
+    assert not strictly_alternating(design_of([[r, h]] * 3))
+    assert not strictly_alternating(design_of([[h, r, h], [h, r, r, h]]))

@@ -52,7 +52,7 @@ class Problem:
         theta = self.flat(self.case.tables if start is None else start)
         out = em(
             theta, (tree or self.case.tree()).arrays, self.sizes, self.case.index, self.flat(self.pseudo),
-            self.flat(self.free), cap, tolerance, patience, accelerate,
+            self.flat(self.free), cap, tolerance, patience, accelerate, np.zeros(1, np.uint8),
         )  # fmt: skip
         return self.unflat(out[0]), *out[1:]
 

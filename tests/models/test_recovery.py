@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models.baum_welch import BaumWelch
-from models.bootstrap import parametric_bootstrap
+from models.bootstrap import bootstrap_fit
 from models.events import EventLog
 from models.histories import UNSEEN
 from models.lspomdp import LatentStatePOMDP
@@ -87,7 +87,7 @@ def test_bootstrap_spread_agrees_with_the_information_matrix() -> None:
     log, _ = simulate_responses(model, varied_design(40_000, 10, rng), rng)
     fit = BaumWelch(3, restarts=8, finalists=2, screening_maps=40).fit(log)
     errors = standard_errors(fit, log)
-    boot = parametric_bootstrap(fit, log, 30, extra_starts=0, seed=3)
+    boot = bootstrap_fit(fit, log, 30, extra_starts=0, seed=3)
     ratio = boot.transition.std(axis=0, ddof=1) / errors.transition
     # 30 replicates give each spread within about 13%; the median over 36 entries is sharper.
     assert 0.8 < np.median(ratio) < 1.25

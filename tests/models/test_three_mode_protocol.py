@@ -99,7 +99,7 @@ def test_the_em_kernel_recovers_the_truth(study):
     start = layout.pack(np.full(2, 0.5), rng.dirichlet(np.ones(2), (6, 2)), rng.dirichlet(np.ones(3), (4, 2)))
     theta, trace, *_, converged = em(
         start, study.tree().arrays, layout.sizes, layout.emission_index, DirichletPrior().pseudo_counts(layout),
-        layout.free_entries({}), 5000, 1e-8, 5, True,
+        layout.free_entries({}), 5000, 1e-8, 5, True, np.zeros(1, np.uint8),
     )  # fmt: skip
     assert converged
     fitted = LatentStatePOMDP(*layout.unpack(theta), THREE).canonical(study.emission_weights)

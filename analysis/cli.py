@@ -7,27 +7,40 @@ inside the functions, so that ``prosocial --help`` does not wait for them.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import typer
-
-from analysis import cli_bench, cli_data, cli_em, cli_report
 from models.errors import InputError
 
-app = typer.Typer(
-    name="prosocial",
-    help="Learn how a robot's help and signals change people's willingness to help, how sure that knowledge is, "
-    "and what the robot should do given the doubt.\n\nExample: prosocial data list",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-app.add_typer(cli_data.data, name="data")
-app.add_typer(cli_data.simulate, name="simulate")
-app.command("em")(cli_em.em_command)
-app.command("report")(cli_report.report_command)
-app.command("bench")(cli_bench.bench_command)
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import typer
+
+
+def build() -> typer.Typer:
+    """Make the command line; all imports are in here, so that an early Ctrl-C is met inside `main`."""
+    import typer
+
+    from analysis import cli_bayes, cli_bench, cli_calibrate, cli_compare, cli_data, cli_em, cli_report
+
+    app = typer.Typer(
+        name="prosocial",
+        help="Learn how a robot's help and signals change people's willingness to help, how sure that knowledge "
+        "is, and what the robot should do given the doubt.\n\nExample: prosocial data list",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.add_typer(cli_data.data, name="data")
+    app.add_typer(cli_data.simulate, name="simulate")
+    app.command("em")(cli_em.em_command)
+    app.command("bayes")(cli_bayes.bayes_command)
+    app.command("calibrate")(cli_calibrate.calibrate_command)
+    app.command("compare")(cli_compare.compare_command)
+    app.command("report")(cli_report.report_command)
+    app.command("bench")(cli_bench.bench_command)
+    return app
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -39,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process by default.
     """
     try:
-        app(args=None if arguments is None else list(arguments), prog_name="prosocial")
+        build()(args=None if arguments is None else list(arguments), prog_name="prosocial")
     except InputError as error:
         print(f"prosocial: {error}", file=sys.stderr)
         sys.exit(2)

@@ -15,6 +15,7 @@ from analysis.cli_options import (
     Report,
     SeedOption,
     check_output,
+    distinct_files,
     load_protocol,
 )
 
@@ -63,6 +64,7 @@ def bayes_command(
         raise located("--engine", engine, "direct or pymc")
     if out is not None:
         check_output("--out", out)
+    distinct_files({"DATA": data, "--protocol": protocol, "--out": out, "--json": json})
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, str(states), pin)
     digest = datasets.log_digest(chosen.log)
     sampler = NutsSettings(draws, tune, chains, seed)

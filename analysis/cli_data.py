@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,9 +14,11 @@ from analysis.cli_options import (
     Report,
     SeedOption,
     check_output,
+    distinct_files,
     load_protocol,
     write_output,
 )
+from analysis.wording import counted
 from models.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,13 +96,13 @@ def check_command(
     from models.events import EventLogError
 
     report = Report(json, quiet)
-    _distinct({"DATA": file, "--protocol": protocol, "--json": json})
+    distinct_files({"DATA": file, "--protocol": protocol, "--json": json})
     rules = load_protocol(protocol)
     try:
         loaded = datasets.load(file, rules)
     except InputError as error:
         problems = [
-            {"line": p.line, "column": p.column, "value": p.value, "wanted": p.wanted, "message": str(p)}
+            {"line": p.line, "column": p.column or None, "value": p.value, "wanted": p.wanted, "message": str(p)}
             for p in (error.problems if isinstance(error, EventLogError) else ())
         ] or [{"line": None, "column": None, "value": None, "wanted": None, "message": str(error)}]
         total = error.total if isinstance(error, EventLogError) else 1
@@ -143,7 +144,7 @@ def import_command(
     from analysis.osf_import import import_events, key_text
 
     report = Report(json, quiet)
-    _distinct(
+    distinct_files(
         {"FILE": file, "--map": column_map, "--protocol": protocol, "--out": out, "--key": key, "--json": json}
     )
     check_output("--out", out)
@@ -188,7 +189,7 @@ def study1_command(
     from models.model_files import read_model
 
     report = Report(json, quiet)
-    _distinct({"--out": out, "--truth": truth, "--json": json})
+    distinct_files({"--out": out, "--truth": truth, "--json": json})
     check_output("--out", out)
     log = simulate_study1(None if truth is None else read_model(truth), participants, seed)
     write_events(log, out)
@@ -204,19 +205,9 @@ def _counts(log: EventLog) -> dict[str, int]:
 
 
 def _sizes(rows: Any, participants: Any, sequences: Any) -> str:
-    return f"{rows:,} events, {participants:,} people, {sequences:,} sequences"
-
-
-def _distinct(paths: dict[str, str | None]) -> None:
-    """Refuse to write a file over another one that the same command reads or writes."""
-    seen: dict[str, str] = {}
-    for option, path in paths.items():
-        if path is None or path == "-":
-            continue
-        real = os.path.realpath(path)
-        if real in seen:
-            raise InputError(f"{option}: found {path!r}, wanted another file than {seen[real]}")
-        seen[real] = option
+    return (
+        f"{counted(rows, 'event')}, {counted(participants, 'person', 'people')}, {counted(sequences, 'sequence')}"
+    )
 
 
 def _problem_list(error: Any) -> str:

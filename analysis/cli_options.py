@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,14 +94,48 @@ def plain(value: Any) -> Any:
 
 def check_output(option: str, path: str | Path) -> None:
     """Refuse an output path that cannot be written, before any work is done."""
+    if str(path) == "":
+        raise located(option, "", "the name of a file")
     path = Path(path)
     if path.is_dir():
         raise located(f"{option} {path}", Phrase("a folder"), "the name of a file")
+    if path.exists() and not path.is_file():
+        raise located(f"{option} {path}", Phrase("a device or pipe"), "the name of a file")
     folder = path.parent
     while not folder.exists():
         folder = folder.parent
     if not folder.is_dir():
         raise located(f"{option} {path}", Phrase(f"{folder}, which is a file"), "a folder to write into")
+    # Permissions do not tell everything (read-only and virtual file systems): only trying does.
+    name = path.name if folder == path.parent else "prosocial"
+    try:
+        handle, beside = tempfile.mkstemp(dir=folder, prefix=f".{name}.")
+        os.close(handle)
+        Path(beside).unlink()
+    except OSError as error:
+        found = Phrase(f"{folder}, where no file can be made ({error.strerror})")
+        raise located(f"{option} {path}", found, "a folder to write into") from None
+
+
+def check_output_folder(option: str, folder: str | Path) -> None:
+    """Refuse an output folder that cannot be made or written into, before any work is done."""
+    if str(folder) == "":
+        raise located(option, "", "the name of a folder")
+    if Path(folder).exists() and not Path(folder).is_dir():
+        raise InputError(f"{option} {folder}: is a file, a folder was wanted")
+    check_output(option, Path(folder) / "model.json")
+
+
+def distinct_files(paths: Mapping[str, str | Path | None]) -> None:
+    """Refuse to write a file over another one that the same command reads or writes; keys are said to the user."""
+    seen: dict[str, str] = {}
+    for option, path in paths.items():
+        if path is None or str(path) == "-":
+            continue
+        real = os.path.realpath(path)
+        if real in seen:
+            raise InputError(f"{option}: found {str(path)!r}, wanted another file than {seen[real]}")
+        seen[real] = option
 
 
 def write_output(option: str, path: str | Path, content: bytes) -> None:

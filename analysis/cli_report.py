@@ -16,9 +16,11 @@ from analysis.cli_options import (
     Report,
     SeedOption,
     check_output,
+    check_output_folder,
+    distinct_files,
     load_protocol,
 )
-from models.errors import InputError
+from models.errors import InputError, located
 
 DEFAULT_DATA = "simulated_study1"
 
@@ -33,6 +35,14 @@ def report_command(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer restarts and replicates; marked as not for citation.")
     ] = False,
+    run_length: Annotated[
+        str | None,
+        typer.Option(
+            "--run-length",
+            metavar="random|fixed",
+            help="Whether the design ended runs at random; fixed: every shorter run is somebody who left.",
+        ),
+    ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also write a PDF (needs the extra `pdf`).")] = False,
     out: Annotated[str, typer.Option("--out", metavar="DIR", help="Folder to write into.")] = "reports/build",
     json: JsonOption = None,
@@ -46,6 +56,7 @@ def report_command(
 
     Example: prosocial report --data frd2012 --states 2-4 --out reports/build/frd2012
     """
+    from dataclasses import replace
     from pathlib import Path
 
     from analysis import datasets, progress
@@ -53,15 +64,26 @@ def report_command(
     from analysis.report.pdf import check_available
 
     report = Report(json, quiet)
-    for name in (HTML_NAME, PDF_NAME):
+    if run_length not in (None, "random", "fixed"):
+        raise located("--run-length", run_length, "random or fixed")
+    check_output_folder("--out", out)
+    names = (HTML_NAME, PDF_NAME) if pdf else (HTML_NAME,)
+    for name in names:
         check_output("--out", Path(out) / name)
+    distinct_files(
+        {"--data": data, "--protocol": protocol, "--out": out, "--json": json}
+        | {f"--out, {name}": Path(out) / name for name in names}
+    )
     if pdf:
         check_available()
     given = {"--data": [data], "--condition": condition, "--states": states and [states], "--pin": pin,
+             "--run-length": run_length and [run_length],
              "--protocol": protocol and [protocol], "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", *(["--quick"] if quick else [])]
     command += [word for option, values in given.items() for value in values or [] for word in (option, value)]
     loaded = datasets.load(data, load_protocol(protocol))
+    if run_length is not None:
+        loaded = replace(loaded, card=replace(loaded.card, run_length=run_length))
     with progress.shown(quiet) as watch:
         try:
             result = build_report(

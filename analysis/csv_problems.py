@@ -10,16 +10,31 @@ from typing import NamedTuple
 
 from analysis.csv_header import Header
 from analysis.file_source import FileSource
+from analysis.wording import counted
 from models.errors import InputError
 from models.events import INTEGER_COLUMNS, TOKEN_COLUMNS, EventLogError, Problem
 
 KEEP = 200
 """Problems kept with their lines; all are counted."""
 
-_INTEGER = re.compile(r"-?[0-9]{1,19}")
+_INTEGER = re.compile(r"-?[0-9]+")
 _INT64 = 1 << 63
 EMPTY_NUMBERS = ("", "NA", "NaN", "nan")
 """What stands for "no count" in the token columns."""
+
+
+class LineProblem(Problem):
+    """A problem of a whole line, such as too few fields: its column is empty and not named."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        return f"line {self.line}: found {self.value}, wanted {self.wanted}"
+
+
+def wrong_width(number: int, found: int, wanted: int) -> LineProblem:
+    """Problem of a line that has not as many fields as the header."""
+    return LineProblem(number, "", counted(found, "field"), f"{wanted}, as many as the header has")
 
 
 class Line(NamedTuple):
@@ -59,7 +74,8 @@ def text_lines(source: FileSource, separator: str = ",") -> Iterator[Line]:
             try:
                 yield Line(number, next(csv.reader([text], delimiter=separator, strict=True)))
             except csv.Error as error:
-                raise InputError(f"{source.path}, line {number}: broken quotes: {error}") from None
+                more = "; a line break inside a field, perhaps?" if "end of data" in str(error) else ""
+                raise InputError(f"{source.path}, line {number}: broken quotes: {error}{more}") from None
 
 
 def explain(source: FileSource, header: Header, reported: str) -> InputError:
@@ -81,11 +97,10 @@ def explain(source: FileSource, header: Header, reported: str) -> InputError:
         if number == 1:
             continue
         if len(fields) != width:
-            wanted = f"{width} fields, as many as the header has"
-            found = [Problem(number, "count", f"{len(fields)} field{'s' * (len(fields) != 1)}", wanted)]
+            found: list[Problem] = [wrong_width(number, len(fields), width)]
         else:
             found = [
-                Problem(number, column, repr(fields[i]), "an integer")
+                Problem(number, column, repr(fields[i]), _wanted_integer(fields[i]))
                 for i, column in integers
                 if not _is_integer(fields[i])
             ]
@@ -109,8 +124,10 @@ def renumbered(error: EventLogError, source: FileSource) -> EventLogError:
     wanted = {problem.line for problem in error.problems}
     with source.open() as stream:
         row = 0
+        quoted = False  # inside a field that has a line break in it
         for number, raw in enumerate(stream, start=1):
-            row += bool(raw.strip(b"\r\n"))
+            row += not quoted and bool(raw.strip(b"\r\n"))
+            quoted ^= raw.count(b'"') % 2 == 1
             if row in wanted:
                 lines.setdefault(row, number)
             if row >= last:
@@ -123,7 +140,11 @@ def _is_integer(text: str) -> bool:
     if text.isascii() and text.isdigit() and len(text) < 19:
         return True
     text = text.strip(" \t")
-    return _INTEGER.fullmatch(text) is not None and -_INT64 <= int(text) < _INT64
+    return len(text) <= 20 and _INTEGER.fullmatch(text) is not None and -_INT64 <= int(text) < _INT64
+
+
+def _wanted_integer(text: str) -> str:
+    return "an integer below 2^63" if _INTEGER.fullmatch(text.strip(" \t")) else "an integer"
 
 
 def _is_count(text: str) -> bool:

@@ -40,7 +40,8 @@ class Card:
         `condition`, `pins` (actions whose transition table is fixed to the identity), `states`: used and
         printed by every command that learns, unless told otherwise.
     run_length : str
-        ``fixed``, or ``random`` where chance ended the runs, so that a short run is not somebody who left.
+        ``fixed``, or ``random`` where chance ended the runs, so that a short run is not somebody who left;
+        ``unstated`` where nobody said.
     columns : mapping of str to str
         What each column means in this data set.
     rows, participants, sequences : int, optional
@@ -58,7 +59,7 @@ class Card:
     what_not: tuple[str, ...] = ()
     references: tuple[str, ...] = ()
     defaults: Mapping[str, Any] = field(default_factory=dict)
-    run_length: str = "fixed"
+    run_length: str = "unstated"
     columns: Mapping[str, str] = field(default_factory=dict)
     rows: int | None = None
     participants: int | None = None

@@ -106,7 +106,9 @@ class EmStudy:
         largest = max(self.fits)
         short = self.fits[self.best_by_log_likelihood].log_likelihood - self.fits[largest].log_likelihood
         if short <= SAME_OPTIMUM:
-            return f"The longer search is highest at the largest number fitted, {largest}, as it must be, up to ties."
+            return (
+                f"The longer search is highest at the largest number fitted, {largest}, as it must be, up to ties."
+            )
         return (
             f"The longer search is highest at {self.best_by_log_likelihood} and lower by {short:.2f} at {largest}, "
             "where it therefore missed the maximum."

@@ -84,6 +84,7 @@ def read_events(path: str | Path, protocol: Protocol = PUBLISHED, *, limit: int 
 
 
 def _read_csv(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple[str, ...]]:
+    place = str(source.path)
     header = read_header(source)
     types = {c: pa.int64() if c in INTEGER_COLUMNS else _TEXT for c in COLUMNS}
     types |= {c: pa.float64() for c in TOKEN_COLUMNS if c in header.wanted}
@@ -101,7 +102,7 @@ def _read_csv(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple[str
         raise explain(source, header, str(error)) from None
     if any(table[c].null_count for c in INTEGER_COLUMNS):
         raise explain(source, header, "an empty number")
-    return _columns(table), header.unknown
+    return _columns(place, table), header.unknown
 
 
 def _read_parquet(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple[str, ...]]:
@@ -123,7 +124,7 @@ def _read_parquet(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple
         raise InputError(f"{place}: corrupt or not a Parquet file: {error}") from None
     for name in wanted:
         table = table.set_column(table.column_names.index(name), name, _typed(place, name, table[name]))
-    return _columns(table), tuple(name for name in names if name not in wanted)
+    return _columns(place, table), tuple(name for name in names if name not in wanted)
 
 
 def _check_names(place: str, names: list[str]) -> None:
@@ -160,7 +161,7 @@ def _typed(place: str, name: str, column: Any) -> Any:
     return column.cast(pa.string()).dictionary_encode()
 
 
-def _columns(table: Any) -> dict[str, NDArray | Coded]:
+def _columns(place: str, table: Any) -> dict[str, NDArray | Coded]:
     columns: dict[str, NDArray | Coded] = {}
     table = table.unify_dictionaries().combine_chunks()
     for name in table.column_names:
@@ -168,7 +169,11 @@ def _columns(table: Any) -> dict[str, NDArray | Coded]:
         array = column.chunk(0) if column.num_chunks else pa.array([], type=column.type)
         if pa.types.is_dictionary(array.type):
             codes = array.indices.fill_null(-1).to_numpy()
-            columns[name] = Coded(codes, array.dictionary.to_pylist())
+            labels = array.dictionary.to_pylist()
+            for label in labels:
+                if label is not None and ("\n" in label or "\r" in label):
+                    raise located(f"{place}, column {name}", label, "text without line breaks")
+            columns[name] = Coded(codes, labels)
         else:
             columns[name] = array.to_numpy(zero_copy_only=False)
     return columns

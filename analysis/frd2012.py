@@ -39,12 +39,12 @@ _ERRORS = {"0": "0", "0.0625": "16", "0.125": "8"}
 
 
 def find_file() -> Path:
-    """Path of the data: in the folder named by ``PROSOCIAL_DATA``, in the download cache, or fetched now.
+    """Path of the data: in the folder named by ``PROSOCIAL_DATA``; without one in the download cache, or fetched.
 
     Raises
     ------
     InputError
-        If it is in neither and cannot be fetched, with what to do.
+        If the folder that is named does not have it, or it cannot be fetched, with what to do.
     """
     folder = os.environ.get("PROSOCIAL_DATA")
     if folder:
@@ -53,6 +53,8 @@ def find_file() -> Path:
         for name in (FILE_NAME, EVENTS_NAME):
             if (Path(folder) / name).is_file():
                 return Path(folder) / name
+        wanted = f"a folder that holds {FILE_NAME} or {EVENTS_NAME}; unset the variable to have it fetched"
+        raise located("environment variable PROSOCIAL_DATA", folder, wanted)
     return _fetch()
 
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from analysis.column_map import ColumnMap, read_map
 from analysis.csv_header import column_names, first_line
-from analysis.csv_problems import EMPTY_NUMBERS, renumbered, text_lines
+from analysis.csv_problems import EMPTY_NUMBERS, renumbered, text_lines, wrong_width
 from analysis.file_source import FileSource
 from models.errors import Phrase, located
 from models.event_rules import Problems
-from models.events import TOKEN_COLUMNS, Coded, EventLog, EventLogError, Problem
+from models.events import TOKEN_COLUMNS, Coded, EventLog, EventLogError
 from models.protocol import MISSING, NO_RESPONSE, PUBLISHED, Protocol
 
 
@@ -129,8 +129,7 @@ class _Export:
             if number == 1:
                 continue
             if len(fields) != len(header):
-                count = f"{len(header)}, as many as the header has"
-                raise EventLogError(place, [Problem(number, "count", f"{len(fields)} fields", count)], 1)
+                raise EventLogError(place, [wrong_width(number, len(fields), len(header))], 1)
             lines.append(number)
             for column, i in zip(values, index, strict=True):
                 column.append(fields[i].strip())

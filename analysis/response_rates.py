@@ -80,9 +80,10 @@ def response_rates(log: EventLog, by: Mapping[str, NDArray[Any]], level: float =
         ``responses``, ``people`` : recorded responses, and people who gave them.
         ``rate`` : share or mean score (`measure_name`).
         ``low``, ``high`` : for a share the Wilson interval with :math:`\hat p (1 - \hat p) / v` in place of the
-        sample size, where :math:`v` is the variance of :math:`\hat p` between people (plain Wilson where each
-        person gave one response; the number of people where everybody gave the same); for a score a t interval
-        with :math:`v`. Not to be trusted for a handful of people.
+        sample size and the t quantile in place of the normal one, where :math:`v` is the variance of
+        :math:`\hat p` between people (plain Wilson where each person gave one response, and on the number of
+        people where everybody gave the same); for a score a t interval with :math:`v`. Both with one degree of
+        freedom less than people. Not to be trusted for a handful of people.
     """
     if not 0 < level < 1:
         raise located("response rates, level", level, "between 0 and 1")
@@ -106,30 +107,32 @@ def response_rates(log: EventLog, by: Mapping[str, NDArray[Any]], level: float =
     persons = table["people"].to_numpy(dtype=np.float64)
     rate = table["total"].to_numpy(dtype=np.float64) / n
     variance = table["square"].to_numpy(dtype=np.float64) / n**2
+    variance *= persons / np.maximum(persons - 1, 1)  # the rate itself was estimated from these people
     if is_share(log.protocol):
-        low, high = _wilson(rate, _effective_size(rate, n, persons, variance), level)
+        low, high = _wilson(rate, *_effective_size(rate, n, persons, variance, level))
     else:
         low, high = _t_interval(rate, persons, variance, level)
     table = table.assign(rate=rate, low=low, high=high)
     return table[[*keys, "responses", "people", "rate", "low", "high"]]
 
 
-def _effective_size(rate: Array, n: Array, people: Array, variance: Array) -> Array:
+def _effective_size(rate: Array, n: Array, people: Array, variance: Array, level: float) -> tuple[Array, Array]:
+    """Number of independent responses that would be as certain, and the quantile to use with it."""
+    spread = (variance > 0) & (people < n)
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.where(variance > 0, rate * (1 - rate) / variance, people)
     # Never more than the responses themselves: a chance negative correlation within people is not information.
-    return np.where(people == n, n, np.minimum(size, n))
+    size = np.where(people == n, n, np.minimum(size, n))
+    normal = stats.norm.ppf(0.5 + level / 2)
+    return size, np.where(spread, stats.t.ppf(0.5 + level / 2, np.maximum(people - 1, 1)), normal)
 
 
-def _wilson(rate: Array, n: Array, level: float) -> tuple[Array, Array]:
-    z = stats.norm.ppf(0.5 + level / 2)
+def _wilson(rate: Array, n: Array, z: Array) -> tuple[Array, Array]:
     centre = (rate + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * np.sqrt(rate * (1 - rate) / n + z**2 / (4 * n**2))
     return np.clip(centre - half, 0, rate), np.clip(centre + half, rate, 1)
 
 
 def _t_interval(rate: Array, people: Array, variance: Array, level: float) -> tuple[Array, Array]:
-    several = people > 1
-    corrected = np.where(several, variance * people / np.maximum(people - 1, 1), np.nan)
-    half = stats.t.ppf(0.5 + level / 2, np.maximum(people - 1, 1)) * np.sqrt(corrected)
+    half = stats.t.ppf(0.5 + level / 2, np.maximum(people - 1, 1)) * np.sqrt(np.where(people > 1, variance, np.nan))
     return rate - half, rate + half

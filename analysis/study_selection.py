@@ -97,9 +97,8 @@ def select(
     for action in pins:
         if action not in log.protocol.action_names:
             raise located("--pin", action, f"one of {', '.join(log.protocol.action_names)}, or none")
-    return Selection(
-        dataset, log, log.conditions, tuple(pins), parse_states(states or default_states), tuple(taken)
-    )
+    wanted = parse_states(default_states if states is None else states)
+    return Selection(dataset, log, log.conditions, tuple(pins), wanted, tuple(taken))
 
 
 def _as_list(value: object) -> list[str]:

@@ -47,7 +47,7 @@ from analysis.figures.transitions import RowEvidence, transition_table
 from analysis.notebooks import ABSENT
 from analysis.simulate import calibrated_truth, simulate_study1
 from models.baum_welch import BaumWelch
-from models.bootstrap import parametric_bootstrap
+from models.bootstrap import bootstrap_fit
 from models.errors import InputError
 from models.forward_backward import history_log_likelihoods
 from models.identification import WEAK, identification, score_rank
@@ -367,7 +367,7 @@ boots = {}
 for name, (part, source) in cases.items():
     fit = BaumWelch(source.n_states, restarts=RESTARTS, finalists=FINALISTS, seed=SEED).fit(part)
     quick = replace(fit, settings=replace(fit.settings, max_maps=2_000, tolerance=1e-6))
-    boots[name] = fit.model, parametric_bootstrap(quick, part, REPLICATES, seed=SEED)
+    boots[name] = fit.model, bootstrap_fit(quick, part, REPLICATES, seed=SEED)
 
 # %%
 for name, (estimate, bootstrap) in boots.items():

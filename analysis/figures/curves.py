@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.axis import Axis
+from matplotlib.ticker import LogFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, LINES, MARKERS, axes, styled
@@ -39,12 +40,20 @@ def curves(
         ax.plot(x, y, color=COLOURS[i % len(COLOURS)], linestyle=LINES[i % len(LINES)], marker=marker, label=name)
     if log_x:
         ax.set_xscale("log")
+        _plain_numbers(ax.xaxis)
     elif all(float(v).is_integer() for x, _ in series.values() for v in x):
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     if log_y:
         ax.set_yscale("log")
+        _plain_numbers(ax.yaxis)
     ax.set(xlabel=xlabel, ylabel=ylabel, title=title)
     ax.grid(axis="y")
     if len(series) > 1:
         ax.legend()
     return ax
+
+
+def _plain_numbers(axis: Axis) -> None:
+    """Label a logarithmic axis without mathtext, which the style turns off."""
+    axis.set_major_formatter(LogFormatter())
+    axis.set_minor_formatter(LogFormatter())

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from analysis.figures.style import COLOURS, FAINT, INK, SEQUENTIAL, axes, styled
+from analysis.wording import counted
 
 CROWDED = 16
 """Rounds beyond which intervals are drawn as a band instead of bars."""
@@ -116,7 +117,8 @@ def rate_heat_map(
             continue
         colour = "white" if rates[i, j] > middle else INK
         ax.text(j + 0.5, i + 0.36, f"{rates[i, j]:.2f}", ha="center", va="center", color=colour, weight="bold")
-        ax.text(j + 0.5, i + 0.72, f"{people[i, j]:.0f} people", ha="center", va="center", color=colour, fontsize=7)
+        number = counted(int(people[i, j]), "person", "people")
+        ax.text(j + 0.5, i + 0.72, number, ha="center", va="center", color=colour, fontsize=7)
     ax.set_xticks(np.arange(len(column_order)) + 0.5, column_order)
     ax.set_yticks(np.arange(len(row_order)) + 0.5, row_order)
     ax.invert_yaxis()

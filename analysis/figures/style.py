@@ -6,10 +6,12 @@ writes the same bytes for the same figure.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import re
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import matplotlib as mpl
@@ -58,6 +60,7 @@ SETTINGS: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.unicode_minus": True,
     "text.color": INK,
+    "text.parse_math": False,  # names of conditions may hold dollar signs
     "xtick.color": FAINT,
     "ytick.color": FAINT,
     "xtick.labelcolor": INK,
@@ -83,10 +86,16 @@ SETTINGS: dict[str, Any] = {
 _MACHINE = ("backend", "interactive", "toolbar", "timezone", "datapath", "keymap", "webagg", "tk.", "macosx")
 
 
-def style() -> Any:
-    """Context in which plots are drawn: matplotlib's defaults plus `SETTINGS`, whatever the user's file says."""
+@contextlib.contextmanager
+def style() -> Iterator[None]:
+    """Context in which plots are drawn: matplotlib's defaults plus `SETTINGS`, whatever the user's file says.
+
+    Letters that the font lacks are drawn as boxes without a warning, which would name files of this machine.
+    """
     defaults: dict[Any, Any] = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith(_MACHINE)}
-    return mpl.rc_context(defaults | SETTINGS)
+    with mpl.rc_context(defaults | SETTINGS), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r"Glyph .* missing from font", category=UserWarning)
+        yield
 
 
 def axes(width: float = 4.4, height: float = 3.0) -> Axes:

@@ -18,7 +18,7 @@ from analysis.report.registry import SECTIONS, Entry
 from analysis.report.render import render
 from analysis.report.section import Section
 from analysis.study_selection import Selection, select
-from models.bootstrap import parametric_bootstrap
+from models.bootstrap import bootstrap_fit
 from models.events import EventLog
 from models.model_files import write_bytes, write_text
 from models.parameters import Array
@@ -108,7 +108,7 @@ def build_report(
     study = fit_models(chosen.log, chosen.states, effort, pins=held, seed=seed, progress=progress)
     context = ReportContext(
         selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
-        date=date or datetime.date.today().isoformat(),
+        date=date or datetime.date.today().isoformat(), progress=progress,
     )  # fmt: skip
     made = tuple(entry.section(context) for entry in sections)
     if progress is not None:
@@ -149,7 +149,7 @@ def fit_models(
             if progress is not None:
                 progress(f"bootstrap, {k} states", done, total)
 
-        bootstraps[k] = parametric_bootstrap(
+        bootstraps[k] = bootstrap_fit(
             effort.for_bootstrap(study.fits[k]), log, effort.replicates_for(log, k), seed=seed, progress=tell
         )
     return replace(study, bootstraps=bootstraps)

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
 
-from analysis.datasets import DataSet
-from analysis.em_study import EmStudy
+from analysis.datasets import DataSet, log_digest
+from analysis.em_study import EmStudy, Progress
+from analysis.fits import stored_fit
 from analysis.report.effort import Effort
 from analysis.report.section import Origin
 from analysis.study_selection import Selection
 from models.events import EventLog
+from models.parameters import STICKY, DirichletPrior
+from models.posterior import Posterior
 from models.protocol import PUBLISHED, Protocol
 
-PACKAGES = ("prosocial-workbench", "numpy", "scipy", "pandas", "numba", "matplotlib", "jinja2")
+PACKAGES = (
+    "prosocial-workbench", "numpy", "scipy", "pandas", "numba", "nutpie", "arviz", "xarray", "matplotlib", "jinja2",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,8 @@ class ReportContext:
     command : str
         Command line, as given.
     date : str
+    progress : callable, optional
+        Called with (what is running, done, total).
     """
 
     selection: Selection
@@ -46,6 +53,24 @@ class ReportContext:
     published: Mapping[str, Any]
     command: str
     date: str
+    progress: Progress | None = None
+    _posteriors: dict[tuple[int, float], Posterior] = field(default_factory=dict, repr=False, compare=False)
+
+    def posterior(self, states: int, kappa: float = STICKY.stay) -> Posterior:
+        """Posterior at a number of states and stickiness: sampled when first asked for, or found in the store.
+
+        The refits at other values of kappa have their own, smaller effort.
+        """
+        key = (states, kappa)
+        if key not in self._posteriors:
+            label = f"posterior, {states} state{'s' * (states != 1)}, kappa {kappa:g}"
+            tell = self.progress
+            self._posteriors[key] = stored_fit(
+                self.log, log_digest(self.log), states, prior=DirichletPrior(stay=kappa),
+                pins=dict.fromkeys(self.pins), sampler=self.effort.sampler(self.seed, kappa == STICKY.stay),
+                progress=None if tell is None else lambda _, done, total: tell(label, done, total),
+            ).posterior  # fmt: skip
+        return self._posteriors[key]
 
     @property
     def data(self) -> DataSet:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from models.baum_welch import BaumWelch
 from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
+from models.nuts import NutsSettings
 from models.parameters import Array
 
 BOOTSTRAP_WORK = 6_400_000
@@ -29,6 +30,12 @@ class Effort:
         Cap on EM maps of a replicate.
     bootstrap_tolerance : float
         Looser than the search's: the interval is far wider than what is left to gain.
+    draws, tune, chains : int
+        Of the posterior.
+    refit_draws : int
+        Of its refits under other priors, tuned for as many.
+    simulated_studies : int
+        Of a predictive check.
     """
 
     quick: bool
@@ -37,11 +44,24 @@ class Effort:
     replicates: int
     bootstrap_maps: int = 2000
     bootstrap_tolerance: float = 1e-6
+    draws: int = 1000
+    tune: int = 1000
+    chains: int = 4
+    refit_draws: int = 1000
+    simulated_studies: int = 400
 
     @classmethod
     def of(cls, quick: bool) -> Effort:
         """Effort of a full or a quick report."""
-        return cls(True, 100, 20, 20) if quick else cls(False, 200, 30, 200)
+        if not quick:
+            return cls(False, 200, 30, 200)
+        return cls(True, 100, 20, 20, draws=300, tune=300, chains=2, refit_draws=200, simulated_studies=200)
+
+    def sampler(self, seed: int, main: bool = True) -> NutsSettings:
+        """Settings of the sampler, for the posterior itself or for a refit under another prior."""
+        if main:
+            return NutsSettings(self.draws, self.tune, self.chains, seed)
+        return NutsSettings(self.refit_draws, self.refit_draws, self.chains, seed)
 
     def search(self, n_states: int, pins: Mapping[str, Array | None], seed: int) -> BaumWelch:
         """Settings of the longer search."""

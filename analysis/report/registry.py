@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, NotSupported, Section
-from analysis.report.sections import flow, learned, limits, provenance, reward, states, study
+from analysis.report.sections import flow, learned, limits, provenance, reward, states, study, uncertainty
 
 Make = Callable[[ReportContext], tuple[Block, ...]]
 
@@ -37,6 +37,7 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("flow", "Participant flow", flow.make),
     Entry("states", "How many states?", states.make),
     Entry("model", "The learned model", learned.make),
+    Entry("uncertainty", "How sure are we?", uncertainty.make),
     Entry("reward", "The reward", reward.make),
     Entry("limits", "What this does not show", limits.make),
 )

@@ -83,7 +83,15 @@ FILES = {
     ),
     "huge id": (
         with_field(6, "participant", "9" * 19).encode(),
-        ", line 6, column participant: found '9999999999999999999', wanted an integer",
+        ", line 6, column participant: found '9999999999999999999', wanted an integer below 2^63",
+    ),
+    "enormous id": (
+        with_field(6, "participant", "9" * 5000).encode(),
+        ", line 6, column participant: found '999",
+    ),
+    "line break in a text field": (
+        with_field(3, "condition", '"help+\nsignal"').encode(),
+        ", column condition: found 'help+\\nsignal', wanted text without line breaks",
     ),
     "negative id": (
         with_field(6, "participant", "-2").encode(),
@@ -91,11 +99,11 @@ FILES = {
     ),
     "too few fields": (
         with_row(4, "pilot,1,help+signal,0,2").encode(),
-        ", line 4, column count: found 5 fields, wanted 8 fields, as many as the header has",
+        ", line 4: found 5 fields, wanted 8, as many as the header has",
     ),
     "too many fields": (
         with_row(4, ROWS[2] + ",oh").encode(),
-        ", line 4, column count: found 9 fields, wanted 8 fields, as many as the header has",
+        ", line 4: found 9 fields, wanted 8, as many as the header has",
     ),
     "broken quotes": (with_row(4, 'pilot,1,"help"x,0').encode(), ", line 4: broken quotes: "),
     "unknown mode": (
@@ -157,6 +165,15 @@ def test_event_files(case, tmp_path):
     with pytest.raises(InputError) as caught:
         read_events(path)
     assert str(caught.value).startswith(f"{path}{message}")
+
+
+def test_lines_are_counted_right_behind_a_line_break_in_a_column_that_is_not_read(tmp_path):
+    path = tmp_path / "events.csv"
+    rows = [f'{row},"said\nnothing"' for row in ROWS]
+    path.write_text(text(*rows[:3], rows[3].replace("no_signal", "hug"), rows[4], header=HEADER + ",comment"))
+    with pytest.raises(InputError) as caught:
+        read_events(path)
+    assert ", line 8, column action: found 'hug'" in str(caught.value)
 
 
 def test_no_file_a_folder_and_a_name_that_cannot_be(tmp_path):
@@ -318,6 +335,9 @@ def test_json(content, message, tmp_path):
     assert str(caught.value).startswith(f"{path}{message}")
     with pytest.raises(InputError, match="no such file"):
         read_json(tmp_path / "other.json")
+    path.write_text("[" * 500_000)
+    with pytest.raises(InputError, match=r"model\.json: JSON nested too deeply to be read"):
+        read_json(path)
     with pytest.raises(InputError, match="is a folder, a JSON file was wanted"):
         read_json(tmp_path)
 

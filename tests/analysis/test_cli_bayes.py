@@ -7,6 +7,7 @@ import pytest
 from analysis import fits
 from analysis.cli import main
 from models.posterior_files import read_posterior
+from tests.analysis.event_text import text
 
 FAST = ("--states", "2", "--draws", "40", "--tune", "60", "--chains", "2")
 
@@ -65,6 +66,17 @@ def test_unusable_arguments(arguments, message, capsys):
     captured = capsys.readouterr()
     assert captured.err.startswith(f"prosocial: {message}")
     assert captured.out == ""
+
+
+def test_data_and_protocol_are_never_overwritten(tmp_path, capsys):
+    path = tmp_path / "two.csv"
+    path.write_text(text())
+    for option in ("--json", "--out"):
+        assert run(str(path), *FAST, option, str(path)) == 2
+        assert capsys.readouterr().err == f"prosocial: {option}: found '{path}', wanted another file than DATA\n"
+    assert path.read_text() == text()
+    assert run("simulated_study1", *FAST, "--protocol", str(path), "--json", str(path)) == 2
+    assert "wanted another file than --protocol" in capsys.readouterr().err
 
 
 def test_interruption_says_that_chains_are_kept(capsys, monkeypatch):

@@ -171,6 +171,9 @@ def test_simulate_with_another_truth(capsys, tmp_path):
         (("simulate", "study1", "--out", "/"), "--out /: found a folder, wanted the name of a file"),
         (("simulate", "study1", "--out", "/dev/null/a.csv"), "wanted a folder to write into"),
         (("simulate", "study1", "--out", "a.csv", "--truth", "no.json"), "no.json: no such file"),
+        (("simulate", "study1", "--out", ""), "--out: found '', wanted the name of a file"),
+        (("simulate", "study1", "--out", "/proc/no/a.csv"), "/proc, where no file can be made"),
+        (("data", "list", "--json", "/dev/null"), "--json /dev/null: found a device or pipe, wanted the name of"),
         (("data", "list", "--json", "/"), "--json /: found a folder, wanted the name of a file"),
         (("data", "check", "x", "--protocol", "no.toml"), "no.toml: no such protocol file"),
         (("data", "import", "x", "--map", "no.toml", "--out", "a.csv"), "no.toml: no such map file"),
@@ -199,6 +202,27 @@ def test_ctrl_c_exits_with_130(capsys, monkeypatch):
     assert run(capsys, "data", "list")[0] == 130
 
 
+def test_ctrl_c_while_starting_up_exits_with_130(capsys, monkeypatch):
+    monkeypatch.setattr(cli, "build", lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert run(capsys, "data", "list") == (130, "", "")
+
+
+def test_nothing_but_the_standard_library_is_loaded_before_a_ctrl_c_is_met():
+    code = "import sys, analysis.cli\nprint([m for m in ('typer', 'click', 'analysis.cli_em') if m in sys.modules])"
+    root = cli.__file__.rsplit("/", 2)[0]
+    ran = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, check=True, text=True)
+    assert ran.stdout.strip() == "[]"
+
+
+def test_a_line_of_another_width_has_no_column(capsys, tmp_path):
+    path = tmp_path / "bad.csv"
+    path.write_text(text(ROWS[0], ROWS[1] + ",oh"))
+    status, out, err = run(capsys, "data", "check", path, "--json", "-")
+    (problem,) = json.loads(out)["problems"]
+    assert (status, problem["line"], problem["column"]) == (2, 3, None)
+    assert "line 3: found 9 fields, wanted 8, as many as the header has" in err
+
+
 def test_interrupting_leaves_no_half_written_file(tmp_path):
     code = (
         "import analysis.event_files as e, analysis.cli as c, time\n"
@@ -222,7 +246,7 @@ def test_interrupting_leaves_no_half_written_file(tmp_path):
 
 def test_help_waits_for_nothing_heavy():
     code = (
-        "import sys, analysis.cli\n"
+        "import sys, analysis.cli\nanalysis.cli.build()\n"
         "print([m for m in ('numpy', 'pandas', 'numba', 'pyarrow', 'scipy') if m in sys.modules])"
     )
     root = cli.__file__.rsplit("/", 2)[0]

@@ -151,15 +151,26 @@ def test_a_folder_that_does_not_exist_is_named(monkeypatch):
         datasets.load("frd2012")
 
 
+def test_a_folder_without_the_file_is_named_and_nothing_is_fetched(tmp_path, monkeypatch):
+    import pooch
+
+    monkeypatch.setattr(pooch, "retrieve", lambda *_, **__: pytest.fail("went to the network"))
+    monkeypatch.setenv("PROSOCIAL_DATA", str(tmp_path))
+    with pytest.raises(InputError) as caught:
+        datasets.load("frd2012")
+    for wanted in (str(tmp_path), frd2012.FILE_NAME, frd2012.EVENTS_NAME):
+        assert wanted in str(caught.value)
+
+
 @pytest.mark.parametrize("failure", [ConnectionError("no route"), ValueError("SHA256 hash does not match")])
-def test_without_a_connection_the_error_says_what_to_do(tmp_path, monkeypatch, failure):
+def test_without_a_connection_the_error_says_what_to_do(monkeypatch, failure):
     import pooch
 
     def fail(*_arguments, **_options):
         raise failure
 
     monkeypatch.setattr(pooch, "retrieve", fail)
-    monkeypatch.setenv("PROSOCIAL_DATA", str(tmp_path))
+    monkeypatch.delenv("PROSOCIAL_DATA", raising=False)
     with pytest.raises(
         InputError, match=r"not bundled, and fetching it failed .* set PROSOCIAL_DATA to that folder"
     ):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from analysis.figures.beliefs import initial_belief, observation_curves
+from analysis.figures.curves import curves
 from analysis.figures.flow import still_going
 from analysis.figures.responses import rate_by_round, rate_heat_map
 from analysis.figures.reward import reward_by_state
@@ -88,6 +89,20 @@ def test_figures_ignore_the_users_settings():
     plain = to_svg(PLOTS["curves"]())
     with mpl.rc_context({"font.size": 30, "axes.facecolor": "red", "svg.fonttype": "none"}):
         assert to_svg(PLOTS["curves"]()) == plain
+
+
+@pytest.mark.parametrize("name", ["$\\foo$", "$5", "日本語"])
+def test_names_of_conditions_are_drawn_as_they_are(name):
+    table = GOING.assign(condition=GOING["condition"].replace("a", name))
+    ax = still_going(table)
+    assert name in words(ax)
+    assert ET.fromstring(to_svg(ax)).tag.endswith("svg")
+
+
+def test_logarithmic_axes_need_no_mathtext():
+    ax = curves({"a": ([1.0, 10.0, 1000.0], [1.0, 2.0, 3.0])}, xlabel="x", ylabel="y", log_x=True, log_y=True)
+    to_svg(ax)
+    assert "$" not in words(ax)
 
 
 def test_styled_keeps_the_function_and_its_result():

@@ -125,7 +125,7 @@ RAWS = {
         ", line 3, column prolific_id: found '', wanted an id",
     ),
     "gap": ("3,H,,0,NA", "5,H,,0,NA", " (as mapped by "),
-    "ragged": (",NA,firefox", ",NA", ", line 4, column count: found 8 fields, wanted 9, as many as the header has"),
+    "ragged": (",NA,firefox", ",NA", ", line 4: found 8 fields, wanted 9, as many as the header has"),
 }
 
 

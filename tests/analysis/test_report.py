@@ -4,24 +4,27 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import datasets
+from analysis import datasets, fits
 from analysis.cli import main
 from analysis.figures.style import axes
+from analysis.report import build
 from analysis.report.build import build_report
 from analysis.report.pdf import available, to_pdf
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.section import Figure, NotSupported, Origin, Table, Text
-from analysis.report.sections import learned
+from analysis.report.sections import learned, learned_tables
 from models.errors import InputError
 from models.protocol import PUBLISHED
-from tests.analysis.report_cases import CORRIDOR, data_set, random_log
+from tests.analysis.event_text import text as event_text
+from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
 
 DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
-ALL_SECTIONS = ["provenance", "study", "flow", "states", "model", "reward", "limits"]
+ALL_SECTIONS = ["provenance", "study", "flow", "states", "model", "uncertainty", "reward", "limits"]
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
 
@@ -48,6 +51,15 @@ class Page(HTMLParser):
             self.captions[-1].append(attrs["class"].split()[-1])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def own_store(tmp_path_factory):
+    """Posteriors of these small studies are nobody else's."""
+    folder = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "store_folder", lambda: folder)
+        yield
+
+
 @pytest.fixture(scope="module")
 def bundled(tmp_path_factory):
     out = tmp_path_factory.mktemp("bundled")
@@ -64,7 +76,7 @@ def general(tmp_path_factory):
     """A full report on a study with three modes and three responses, some of whose people leave."""
     log = random_log(CORRIDOR, people=50, stop=0.08)
     out = tmp_path_factory.mktemp("general")
-    return build_report(data_set(log), states="1,2", out=out, date=DATE)
+    return build_report(data_set(log, run_length="fixed"), states="1,2", out=out, date=DATE)
 
 
 @pytest.fixture
@@ -185,7 +197,7 @@ def test_general_protocol(general):
 def test_dropout_is_tested_where_there_is_any(general, bundled):
     flow = next(s for s in general.sections if s.key == "flow")
     assert "dropout" in [t.key for t in flow.tables]
-    assert "chi-squared" in " ".join(flow.sentences)
+    assert "generalised Mantel-Haenszel test" in " ".join(flow.sentences)
     assert "still-going" in [f.key for f in flow.figures]
     text = bundled.html.read_text(encoding="utf-8")
     assert "every run has 5 events" in text
@@ -199,6 +211,81 @@ def test_random_run_lengths_are_no_dropout(small, tmp_path):
     text = made.html.read_text(encoding="utf-8")
     assert "random by design" in text
     assert "runs cut short" not in text
+
+
+PLANNED = [(i, 0, "c", [("signal", "help" if i % 2 else "no_help")] * (1 + i % 3)) for i in range(24)]
+
+
+@pytest.mark.parametrize(
+    ("run_length", "dropout"),
+    [
+        ("unstated", "run lengths differ by what may be design; say so on the data card or with --run-length"),
+        ("random", "run lengths are random by design"),
+        ("fixed", None),
+    ],
+)
+def test_run_lengths_that_may_be_design_are_not_called_dropout(tmp_path, run_length, dropout):
+    only = [e for e in SECTIONS if e.key == "flow"]
+    dataset = data_set(log_of(PLANNED), run_length=run_length)
+    made = build_report(dataset, states="1", quick=True, out=tmp_path, sections=only)
+    text = made.html.read_text(encoding="utf-8")
+    assert ("runs cut short" in text) == ("Mantel-Haenszel" in text) == (dropout is None)
+    if dropout:
+        assert dropout in " ".join(text.split())
+
+
+def test_run_length_of_the_command_line_goes_before_the_card(capsys, tmp_path, monkeypatch):
+    seen = []
+
+    def stop(dataset, **options):
+        seen.append((dataset.card.run_length, options["command"]))
+        raise InputError("enough")
+
+    monkeypatch.setattr(build, "build_report", stop)
+    for given in ((), ("--run-length", "random")):
+        assert run(capsys, "report", "--out", tmp_path, *given)[0] == 2
+    assert [length for length, _ in seen] == ["unstated", "random"]
+    assert "--run-length random" in seen[1][1]
+
+
+def test_one_of_each_is_said_in_the_singular(tmp_path):
+    only = [e for e in SECTIONS if e.key in ("provenance", "study", "flow", "states", "model", "limits")]
+    log = log_of([(0, 0, "c", [("signal", "help")])])
+    made = build_report(data_set(log), states="1", quick=True, out=tmp_path, sections=only)
+    text = " ".join(made.html.read_text(encoding="utf-8").split())
+    for wanted in ("1 person in 1 condition, 1 run and 1 event", "1 person and 1 run.", "every run has 1 event,"):
+        assert wanted in text
+    assert not re.search(r"\b1 (people|runs|events|states|responses|rounds)\b", text)
+
+
+def test_the_printed_value_stands_beside_its_own_design_only(tmp_path):
+    only = [e for e in SECTIONS if e.key == "states"]
+    people = data_set(random_log(PUBLISHED, people=20), kind="simulated")
+    made = build_report(people, states="1,4", quick=True, out=tmp_path, sections=only)
+    assert "560.23" not in made.html.read_text(encoding="utf-8")
+    (criteria,) = [t for t in made.sections[0].tables if t.key == "criteria"]
+    assert "printed" not in criteria.frame
+
+
+def test_what_a_chain_that_falls_apart_does_in_the_long_run_is_left_open(tmp_path):
+    def pinned(context):
+        return learned_tables.states(context, 2)
+
+    people = data_set(random_log(PUBLISHED, people=40))
+    made = build_report(
+        people, states="2", quick=True, pins=["help"], out=tmp_path, sections=[Entry("x", "X", pinned)]
+    )
+    (table,) = made.sections[0].tables
+    assert table.frame["stationary help"].isna().all()
+    assert "not unique under" in table.caption
+    assert "the chain falls apart" in table.caption
+
+
+def test_dwell_times_at_the_edge_are_not_ranked():
+    assert learned_tables.dwell_order(np.array([1.0, 2.0])) is None
+    assert learned_tables.dwell_order(np.array([5.0, np.inf])) is None
+    assert learned_tables.dwell_order(np.array([5.0, 1e9])) is None
+    assert learned_tables.dwell_order(np.array([5.0, 1.2, 2.0])).tolist() == [1, 2, 0]
 
 
 def test_real_people(shared, tmp_path, monkeypatch):
@@ -361,6 +448,35 @@ def test_unusable_arguments(capsys, tmp_path, arguments, message):
     assert message in err
     assert "Traceback" not in err
     assert not (tmp_path / "new").exists()
+
+
+def test_what_is_read_is_never_overwritten(capsys, tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text(event_text())
+    status, _, err = run(capsys, "report", "--data", path, "--json", path, "--out", tmp_path / "new")
+    assert (status, err) == (2, f"prosocial: --json: found '{path}', wanted another file than --data\n")
+    page = tmp_path / "report.html"
+    page.write_text(event_text())
+    status, _, err = run(capsys, "report", "--data", page, "--out", tmp_path)
+    assert status == 2
+    assert "--out, report.html: found" in err
+    status, _, err = run(capsys, "report", "--protocol", page, "--out", tmp_path)
+    assert "wanted another file than --protocol" in err
+    assert path.read_text() == page.read_text() == event_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", ""), "--out: found '', wanted the name of a folder"),
+        (("--out", "/proc/new"), "/proc, where no file can be made"),
+        (("--run-length", "long"), "--run-length: found 'long', wanted random or fixed"),
+    ],
+)
+def test_options_are_checked_before_any_work(capsys, arguments, message):
+    status, _, err = run(capsys, "report", "--quick", *arguments)
+    assert status == 2
+    assert message in err
 
 
 def test_a_folder_that_cannot_be_one_is_refused_before_any_work(capsys, tmp_path):

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.errors import InputError
-from models.labels import canonical_order, dwell_time, expected_score, permute, stationary_distribution
+from models.labels import (
+    canonical_order,
+    dwell_time,
+    expected_score,
+    permute,
+    stationary_distribution,
+    stationary_is_unique,
+)
 
 EMISSION = np.array([[[0.7, 0.3], [0.4, 0.6]], [[0.05, 0.95], [0.95, 0.05]]])
 
@@ -60,11 +67,28 @@ def test_stationary_distribution_by_hand():
     np.testing.assert_allclose(stationary_distribution(np.array([[0.9, 0.1], [0.3, 0.7]])), [0.75, 0.25])
 
 
+def test_stationary_distributions_of_many_tables_at_once():
+    tables = np.random.default_rng(2).dirichlet(np.ones(3), size=(2, 4, 3))
+    many = stationary_distribution(tables)
+    for i in np.ndindex(2, 4):
+        np.testing.assert_allclose(many[i], stationary_distribution(tables[i]), rtol=1e-13)
+
+
 def test_stationary_distribution_of_special_chains():
     np.testing.assert_allclose(stationary_distribution(np.eye(3)), np.full(3, 1 / 3))
     np.testing.assert_allclose(stationary_distribution(np.array([[0.0, 1.0], [1.0, 0.0]])), [0.5, 0.5])  # periodic
     absorbing = np.array([[0.99, 0.005, 0.005], [0, 1, 0], [0, 0, 1]])
     np.testing.assert_allclose(stationary_distribution(absorbing), [0, 0.5, 0.5], atol=1e-12)
+
+
+def test_a_chain_that_falls_apart_has_no_unique_stationary_distribution():
+    assert stationary_is_unique(np.array([[0.9, 0.1], [0.3, 0.7]]))
+    assert stationary_is_unique(np.array([[0.0, 1.0], [1.0, 0.0]]))  # periodic, yet unique
+    assert stationary_is_unique(np.array([[0.5, 0.5], [0.0, 1.0]]))  # one absorbing state
+    assert stationary_is_unique(np.ones((1, 1)))
+    assert not stationary_is_unique(np.eye(3))
+    assert not stationary_is_unique(np.array([[0.99, 0.005, 0.005], [0, 1, 0], [0, 0, 1]]))
+    assert not stationary_is_unique(np.array([[1 - 1e-8, 1e-8], [1e-8, 1 - 1e-8]]))  # apart within any study
 
 
 def test_a_very_slow_chain_still_reaches_its_limit():

@@ -9,6 +9,7 @@ from analysis.figures.flow import still_going
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Table, Text, attempt
+from analysis.wording import counted
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -26,10 +27,12 @@ def _selection(context: ReportContext) -> str:
     if context.conditions:
         text = (
             f"Selected: condition {', '.join(context.conditions)}, which leaves {log.n_participants:,} of "
-            f"{whole.n_participants:,} people and {log.n_runs:,} of {whole.n_runs:,} runs."
+            f"{counted(whole.n_participants, 'person', 'people')} and {log.n_runs:,} of "
+            f"{counted(whole.n_runs, 'run')}."
         )
     else:
-        text = f"All {log.n_participants:,} people and {log.n_runs:,} runs of the file are used."
+        people, runs = counted(log.n_participants, "person", "people"), counted(log.n_runs, "run")
+        text = f"The whole file is used: {people} and {runs}."
     return f"{text} The workbench excludes nobody: a file that breaks a rule is refused as a whole."
 
 
@@ -37,17 +40,24 @@ def _random_length(context: ReportContext) -> bool:
     return context.data.card.run_length == "random"
 
 
+def _undecided(context: ReportContext) -> bool:
+    """Whether run lengths differ by what may be design, and nobody said what it is."""
+    return context.data.card.run_length == "unstated" and bool(participant_flow.lengths_by_design(context.log))
+
+
 def _counts(context: ReportContext) -> Table:
     frame = participant_flow.flow_table(context.log)
     if len(context.log.conditions) == 1:
         frame = frame.iloc[:1]
-    random = _random_length(context)
-    if random:
+    random, undecided = _random_length(context), _undecided(context)
+    if random or undecided:
         frame = frame.drop(columns="short_runs")
     caption = "People, runs, events and responses by condition. "
     caption += (
         "Run lengths are random by design, so a short run is not a person who left."
         if random
+        else "Run lengths differ by what may be design, so none is called cut short."
+        if undecided
         else participant_flow.RULE
     )
     headings = {
@@ -63,7 +73,7 @@ def _lengths(context: ReportContext) -> tuple[Block, ...]:
     table = participant_flow.still_going(context.log)
     if bool((table["share"] == 1).all()):
         same = {int(n) for n in table.groupby("condition")["k"].max() + 1}
-        length = f"{same.pop()} events" if len(same) == 1 else "the full number of events of its condition"
+        length = counted(same.pop(), "event") if len(same) == 1 else "the full number of events of its condition"
         raise NotSupported(f"every run has {length}, so the figure would be a flat line")
     half = table[table["share"] >= 0.5].groupby("condition")["k"].max()
     alt = (
@@ -82,12 +92,17 @@ def _lengths(context: ReportContext) -> tuple[Block, ...]:
 def _dropout(context: ReportContext) -> tuple[Block, ...]:
     if _random_length(context):
         raise NotSupported("run lengths are random by design, so ending early is not leaving")
+    if _undecided(context):
+        raise NotSupported(
+            "run lengths differ by what may be design; say so on the data card or with --run-length random|fixed"
+        )
     if not participant_flow.short_runs(context.log).any():
         raise NotSupported("no run was cut short")
     found = participant_flow.dropout_after_response(context.log)
     if found is None:
         raise NotSupported(
-            "runs were cut short, but not after two different responses, so there is nothing to compare"
+            "runs were cut short, but nowhere can two different responses in the same condition and round be "
+            "compared"
         )
     frame = found.table.assign(response=[spoken(r) for r in found.table["response"]])
     table = Table(

@@ -14,6 +14,7 @@ from analysis.figures.transitions import RowEvidence, transition_table
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Part, Text, attempt
 from analysis.report.sections import learned_tables
+from analysis.wording import counted
 from models.identification import WEAK
 
 LEVEL = 0.9
@@ -38,7 +39,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
             why.append("the paper's number")
         if k == context.study.best_by_bic:
             why.append("lowest BIC")
-        title = f"{k} state{'s' * (k != 1)}" + (f" ({', '.join(why)})" if why else "")
+        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         parts.append((k, Part(title, f"model-{k}", _model(context, k), folded=k not in shown)))
     # What is shown in full comes first.
     parts.sort(key=lambda entry: (entry[1].folded, -entry[0]))
@@ -58,7 +59,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     blocks: list[Block] = [Text(fit.sentence)]
     if bootstrap is not None:
         text = (
-            f"Intervals are {LEVEL:.0%} percentile intervals of a parametric bootstrap with {bootstrap.replicates} "
+            f"Intervals are {LEVEL:.0%} percentile intervals of a {bootstrap.kind} with {bootstrap.replicates} "
             "replicates, states put back in order each time. They assume that the model is right"
         )
         if bootstrap.replicates < 200:
@@ -69,7 +70,8 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         if outside:
             blocks.append(
                 Text(
-                    f"{outside} of {entries} estimates lie outside their own interval: replicates end at other "
+                    f"{outside} of {entries} estimates {'lies' if outside == 1 else 'lie'} outside "
+                    f"{'its' if outside == 1 else 'their'} own interval: replicates end at other "
                     "optima or in another order of states, so these data do not determine those entries.",
                     "warning",
                 )

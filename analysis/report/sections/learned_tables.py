@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis import response_rates as rates
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Part, Table, Text
 from models.identification import WEAK
-from models.labels import dwell_time, expected_score, stationary_distribution
+from models.labels import Array, dwell_time, expected_score, stationary_distribution, stationary_is_unique
 
 LONG = 1000
 """Rounds beyond which a dwell time is not spelled out."""
+
+EDGE = 1e-6
+"""Dwell times this close to one round are boundary estimates."""
 
 
 def states(context: ReportContext, k: int) -> tuple[Block, ...]:
@@ -28,10 +32,15 @@ def states(context: ReportContext, k: int) -> tuple[Block, ...]:
     headings = {"initial": "initial belief", "score": f"expected {rates.measure_name(protocol)}"}
     formats = {"initial": ".3f", "score": ".3f"}
     groups = [("", 3)]
+    apart: list[str] = []
     learned = [a for a in protocol.action_names if a not in found.silent_transitions]
     for action in learned:
         table = model.transition[protocol.action(action)]
-        frame[f"stationary {action}"] = stationary_distribution(table)
+        if action not in found.pinned and stationary_is_unique(table):
+            frame[f"stationary {action}"] = stationary_distribution(table)
+        else:
+            frame[f"stationary {action}"] = np.nan
+            apart.append(action)
         frame[f"dwell {action}"] = [_rounds(d) for d in dwell_time(table)]
         headings |= {f"stationary {action}": "stationary", f"dwell {action}": "dwell"}
         formats |= {f"stationary {action}": ".3f", f"dwell {action}": ",.1f"}
@@ -40,6 +49,11 @@ def states(context: ReportContext, k: int) -> tuple[Block, ...]:
         "States in canonical order. Stationary: long-run share of rounds in the state if the action were taken in "
         "every round. Dwell: expected number of rounds until the state is left."
     )
+    if apart:
+        caption += (
+            f" –: not unique under {', '.join(spoken(a) for a in apart)}, since the chain falls apart (where it "
+            "ends depends on where it began) or its table is held fixed."
+        )
     table_block = Table(
         f"states-{k}", frame, caption, (context.origin,), headings=headings, formats=formats, groups=tuple(groups)
     )
@@ -61,24 +75,50 @@ def _orders(context: ReportContext, k: int, learned: list[str]) -> str:
     free = [a for a in learned if a not in context.study.identifications[k].pinned]
     if not free:
         return "No transition table was learned, so there is no order by stability to compare."
-    same, differ = [], []
+    same, differ, unknown = [], [], []
     for action in free:
         dwell = dwell_time(fit.model.transition[context.protocol.action(action)])
-        order = np.argsort(dwell, kind="stable")
-        if np.array_equal(order, np.arange(k)):
+        order = dwell_order(dwell)
+        if order is None:
+            unknown.append(spoken(action))
+        elif np.array_equal(order, np.arange(k)):
             same.append(spoken(action))
         else:
             differ.append(f"{', '.join(f's{i}' for i in order)} under {spoken(action)}")
     text = "The paper labels states by transition structure and stability, the workbench by expected response. "
-    if not differ:
+    if not differ and not unknown:
         return f"{text}Ordered by dwell time, shortest first, the states come in the same order under every action."
-    text += f"Ordered by dwell time, shortest first, they come as {'; '.join(differ)}"
-    text += (
-        f"; in the canonical order under {', '.join(same)}."
-        if same
-        else "; under no action in the canonical order."
-    )
+    if differ:
+        text += f"Ordered by dwell time, shortest first, they come as {'; '.join(differ)}"
+        text += (
+            f"; in the canonical order under {', '.join(same)}."
+            if same
+            else "; under no action in the canonical order."
+        )
+    elif same:
+        text += (
+            "Ordered by dwell time, shortest first, the states come in the canonical order under "
+            f"{', '.join(same)}."
+        )
+    if unknown:
+        text = (
+            f"{text.rstrip()} Under {', '.join(unknown)} an order by dwell time is not identified: some states are "
+            f"estimated to be left at once, or not within {LONG:,} rounds: the edge of what can be estimated."
+        )
     return text
+
+
+def dwell_order(dwell: Array) -> NDArray[np.int64] | None:
+    """States by dwell time, shortest first; None where one lies at the edge: always left, or as good as never.
+
+    Examples
+    --------
+    >>> dwell_order(np.array([3.0, 1.5])), dwell_order(np.array([3.0, np.inf]))
+    (array([1, 0]), None)
+    """
+    if np.any(dwell < 1 + EDGE) or np.any(dwell > LONG):
+        return None
+    return np.argsort(dwell, kind="stable")
 
 
 def entries(context: ReportContext, k: int, level: float) -> tuple[Block, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Origin, Part, Points, Text
+from analysis.wording import counted
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -15,7 +16,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     study = context.study
     shown = context.shown_states
     for k in sorted(study.states, key=lambda k: (k not in shown, -k)):
-        title = f"The model with {k} state{'s' * (k != 1)}"
+        title = f"The model with {counted(k, 'state')}"
         sentences = tuple(study.identifications[k].sentences())
         body: Block = (
             Points(sentences) if sentences else Text("Nothing was found to be wrong with its identification.")

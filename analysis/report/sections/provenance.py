@@ -6,6 +6,7 @@ import pandas as pd
 
 from analysis.report.context import ReportContext, versions
 from analysis.report.section import Block, Origin, Points, Table, Text
+from analysis.wording import counted
 from models.baum_welch import BaumWelch
 
 PLAIN_WORDS = {
@@ -37,8 +38,8 @@ def _data(context: ReportContext) -> Table:
     selection = "all conditions"
     if context.conditions:
         selection = (
-            f"condition {', '.join(context.conditions)}: {log.n_participants:,} of {whole.n_participants:,} "
-            f"people, {log.n_runs:,} of {whole.n_runs:,} runs"
+            f"condition {', '.join(context.conditions)}: {log.n_participants:,} of "
+            f"{counted(whole.n_participants, 'person', 'people')}, {log.n_runs:,} of {counted(whole.n_runs, 'run')}"
         )
     pins = ", ".join(context.pins) or "none"
     if context.pins:
@@ -54,8 +55,8 @@ def _data(context: ReportContext) -> Table:
         ("selection", selection),
         (
             "size of the selection",
-            f"{log.n_participants:,} people, {log.n_runs:,} runs, {log.n_events:,} events, "
-            f"{log.n_responses_recorded:,} responses",
+            f"{counted(log.n_participants, 'person', 'people')}, {counted(log.n_runs, 'run')}, "
+            f"{counted(log.n_events, 'event')}, {counted(log.n_responses_recorded, 'response')}",
         ),
         ("protocol", context.protocol.name),
         ("actions held fixed", pins),
@@ -79,6 +80,12 @@ def _settings(context: ReportContext) -> Table:
         settings = context.effort.for_bootstrap(study.fits[k]).settings
         row = _fit_row(f"bootstrap, {bootstrap.replicates} replicates", [k], [settings])
         rows.append(row | {"restarts": "3 a replicate", "finalists": "all", "screening": "–"})
+    for name, main in (("posterior", True), ("posterior, other kappa", False)):
+        sampler = context.effort.sampler(context.seed, main)
+        row = dict.fromkeys(rows[0], "–")
+        row |= {"fit": name, "states": ", ".join(map(str, context.shown_states)), "seed": str(sampler.seed)}
+        row |= {"restarts": f"{sampler.chains} chains", "screening": f"{sampler.tune:,} tuning"}
+        rows.append(row | {"cap": f"{sampler.draws:,} draws", "estimate": "NUTS sample"})
     caption = (
         "Settings of every fit. Maps are EM iterations; a run ends when the gain stays below the tolerance. The "
         "paper prints the 30 restarts and the Dirichlet(1) draws of its procedure, but neither tolerance nor cap: "

@@ -6,9 +6,11 @@ from functools import partial
 
 import pandas as pd
 
+from analysis.em_study import fewest
 from analysis.figures.state_number import information_criteria, log_likelihoods, optima
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Origin, Table, Text
+from analysis.wording import counted
 from models.baum_welch import SAME_OPTIMUM
 from models.baum_welch_fit import BaumWelchFit
 
@@ -16,25 +18,22 @@ from models.baum_welch_fit import BaumWelchFit
 def make(context: ReportContext) -> tuple[Block, ...]:
     """Table and curves of the criteria, and where restarts ended."""
     study = context.study
-    lowest_aic = min(study.fits, key=lambda k: study.fits[k].aic)
+    lowest_aic = fewest({k: -fit.aic for k, fit in study.fits.items()})
     summary = (
-        f"BIC is lowest at {_states(study.best_by_bic)}, AIC at {_states(lowest_aic)}, and the log-likelihood, the "
-        f"paper's criterion, is highest at {_states(study.best_by_log_likelihood)}. The sample size in BIC is the "
-        f"number of recorded responses ({context.log.n_responses_recorded:,})."
+        f"BIC is lowest at {counted(study.best_by_bic, 'state')}, AIC at {counted(lowest_aic, 'state')}, and the "
+        f"log-likelihood, the paper's criterion, is highest at {counted(study.best_by_log_likelihood, 'state')} "
+        f"(the fewest among those within {SAME_OPTIMUM:g} of the best). The sample size in BIC is the number of "
+        f"recorded responses ({context.log.n_responses_recorded:,})."
     )
     capped = [k for k, fit in study.fits.items() if not fit.converged]
     blocks: list[Block] = [Text(summary)]
     if capped:
-        names = " and ".join(_states(k) for k in capped)
+        names = " and ".join(counted(k, "state") for k in capped)
         blocks.append(Text(f"The best run did not converge within the cap at {names}.", "warning"))
     blocks += _missed(context)
     blocks += [_criteria(context), _curves(context), Text(study.restarts_sentence), _searches(context)]
     blocks.append(_optima(context))
     return tuple(blocks)
-
-
-def _states(k: int) -> str:
-    return f"{k} state{'s' * (k != 1)}"
 
 
 def _printed(context: ReportContext) -> tuple[int, float]:
@@ -51,7 +50,7 @@ def _criteria(context: ReportContext) -> Table:
         row["own"] = fit.log_likelihood
         if study.paper_fits:
             row["procedure"] = study.paper_fits[k].log_likelihood
-        if context.is_published_protocol:
+        if context.is_published_design:
             row["printed"] = printed_value if k == printed_states else None
         rows.append(row)
     frame = pd.DataFrame(rows)
@@ -65,17 +64,14 @@ def _criteria(context: ReportContext) -> Table:
     }  # fmt: skip
     origin: tuple[Origin, ...] = (context.origin,)
     caption = "Criteria by number of states. AIC and BIC are those of the longer search and better when lower."
-    if context.is_published_protocol:
+    if context.is_published_design:
         origin = (context.origin, Origin.PRINTED)
-        caption += " The printed value is of other people"
-        caption += (
-            "." if context.is_published_design else " in a study of another size: not comparable with this one."
-        )
+        caption += " The printed value is of other people."
     return Table(
         "criteria", frame, caption, origin,
         headings={k: v for k, v in headings.items() if k in frame.columns},
         formats={k: v for k, v in formats.items() if k in frame.columns},
-        printed=("printed",) if context.is_published_protocol else (),
+        printed=("printed",) if context.is_published_design else (),
         groups=(("", 4), ("log-likelihood (nats)", len(frame.columns) - 4)),
     )  # fmt: skip
 
@@ -126,8 +122,9 @@ def _missed(context: ReportContext) -> list[Block]:
         if paper.log_likelihood > own + SAME_OPTIMUM:
             out.append(
                 Text(
-                    f"At {_states(k)} the published procedure found {paper.log_likelihood:.2f}, better than the "
-                    f"{own:.2f} of the longer search: the model shown for {_states(k)} is not the maximum.",
+                    f"At {counted(k, 'state')} the published procedure found {paper.log_likelihood:.2f}, better "
+                    f"than the {own:.2f} of the longer search: the model shown for {counted(k, 'state')} is not "
+                    "the maximum.",
                     "warning",
                 )
             )
@@ -172,15 +169,20 @@ def _optima(context: ReportContext) -> Figure:
     ]
     alt = []
     for fit, paper in pairs:
-        text = (
-            f"{_states(fit.n_states)}: {fit.optima[0].restarts} of {fit.runs_in_final_stage} final runs at the best"
-        )
+        text = f"{counted(fit.n_states, 'state')}: {fit.optima[0].restarts} of {fit.runs_in_final_stage}"
+        text += f" {_runs(fit)} at the best"
         if paper is not None:
             reached = sum(o.restarts for o in paper.optima if fit.log_likelihood - o.log_likelihood <= 0.01)
             text += f"; {reached} of {paper.runs_in_final_stage} restarts of the published procedure reach it"
         alt.append(f"{text}.")
     caption = (
         "Where the restarts ended, below the best log-likelihood found by either search: bars above the line are "
-        "the finalists of the longer search, hatched bars below it the restarts of the published procedure."
+        f"the {_runs(pairs[0][0])} of the longer search, hatched bars below it the restarts of the published "
+        "procedure."
     )
     return Figure("optima", tuple(partial(optima, *pair) for pair in pairs), caption, tuple(alt), (context.origin,))
+
+
+def _runs(fit: BaumWelchFit) -> str:
+    """What the runs that were taken to the end are called: all restarts, or those a screening stage let through."""
+    return "restarts" if fit.settings.finalists is None else "finalists"

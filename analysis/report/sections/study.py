@@ -13,6 +13,7 @@ from analysis.figures.responses import POINTS_AN_INCH, rate_by_round, rate_heat_
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.wording import counted
 
 MOST_SCHEDULES, LONGEST_SCHEDULE = 12, 12
 MOST_PANELS = 12
@@ -25,9 +26,10 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     measure = rates.measure_name(protocol)
     overall = rates.response_rates(log, {}).iloc[0]
     summary = (
-        f"{log.n_participants:,} people in {_count(len(log.conditions), 'condition')}, {log.n_runs:,} runs and "
-        f"{log.n_events:,} events; {log.n_responses_recorded:,} responses were recorded. The {measure} over all of "
-        f"them is {overall.rate:.3f} ({rates.LEVEL:.0%} interval {overall.low:.3f} to {overall.high:.3f})."
+        f"{counted(log.n_participants, 'person', 'people')} in {counted(len(log.conditions), 'condition')}, "
+        f"{counted(log.n_runs, 'run')} and {counted(log.n_events, 'event')}; responses recorded: "
+        f"{log.n_responses_recorded:,}. The {measure} over all of them is "
+        f"{overall.rate:.3f} ({rates.LEVEL:.0%} interval {overall.low:.3f} to {overall.high:.3f})."
     )
     return (
         Text(summary),
@@ -36,10 +38,6 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         *_by_round(context),
         *attempt(f"{measure} by condition and schedule", partial(_by_schedule, context)),
     )
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n:,} {noun}{'s' * (n != 1)}"
 
 
 def _interval_note(context: ReportContext) -> str:
@@ -122,7 +120,7 @@ def _by_round(context: ReportContext) -> tuple[Block, ...]:
         else "The numbers of responses are in the table below."
     )
     if len(tables) > len(shown):
-        caption += f" {len(tables) - len(shown)} further conditions are in the table below only."
+        caption += f" In the table below only: {counted(len(tables) - len(shown), 'further condition')}."
     numbers = pd.concat([rows.assign(condition=name) for name, rows in tables], ignore_index=True)
     numbers = numbers[["condition", "k", "responses", "people", "rate", "low", "high"]]
     table = Table(
@@ -158,8 +156,8 @@ def _by_schedule(context: ReportContext) -> tuple[Block, ...]:
         )
     if len(distinct) > MOST_SCHEDULES or len(longest) > LONGEST_SCHEDULE:
         raise NotSupported(
-            f"there are {len(distinct)} schedules of up to {len(longest)} rounds, too many for one map (at most "
-            f"{MOST_SCHEDULES} of {LONGEST_SCHEDULE})"
+            f"the number of schedules is {len(distinct)}, of up to {counted(len(longest), 'round')}: too many for "
+            f"one map (at most {MOST_SCHEDULES} of {LONGEST_SCHEDULE})"
         )
     measure, limits = rates.measure_name(protocol), rates.measure_range(protocol)
     condition = np.array(log.conditions, dtype=object)[log.condition]

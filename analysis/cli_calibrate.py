@@ -1,0 +1,73 @@
+"""The command ``calibrate``: whether the Bayesian model's doubt is what it claims to be."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, SeedOption
+
+
+def calibrate_command(
+    states: Annotated[str, typer.Option(metavar="2,3", help="Numbers of states: 2, 2-3 or 2,3.")] = "2",
+    replicates: Annotated[
+        str, typer.Option(metavar="200,100", help="Simulated studies; one number, or one for each of the states.")
+    ] = "200",
+    participants: Annotated[int, typer.Option(min=1, help="People in each simulated study.")] = 540,
+    out: Annotated[
+        str | None, typer.Option("--out", metavar="FILE", help="Write everything, ranks included, as JSON.")
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Simulation-based calibration of the posterior under the published design.
+
+    Truths come from the prior, each with a simulated study and its posterior; ranks of the truths must be uniform.
+
+    Example: prosocial calibrate --states 2,3 --replicates 200,100 --out calibration.json
+    """
+    import json as json_text
+
+    from analysis import progress
+    from analysis.calibration import CalibrationSettings, calibrate
+    from analysis.cli_options import check_output, plain, write_output
+    from analysis.em_study import parse_states
+    from models.compiled import kernel_digest
+    from models.errors import located
+    from models.posterior_files import versions
+
+    report = Report(json, quiet)
+    if out is not None:
+        check_output("--out", out)
+    sizes = parse_states(states)
+    counts = [int(part) if part.strip().isdecimal() else 0 for part in replicates.split(",")]
+    if len(counts) == 1:
+        counts *= len(sizes)
+    if len(counts) != len(sizes) or min(counts) < 1:
+        raise located(
+            "--replicates", replicates, f"one positive number, or {len(sizes)}: one for each of the states"
+        )
+    settings = [
+        CalibrationSettings(k, n, participants=participants, seed=seed) for k, n in zip(sizes, counts, strict=True)
+    ]
+    with progress.shown(quiet) as watch:
+        result = calibrate(settings, progress=watch)
+    command = (
+        f"prosocial calibrate --states {','.join(map(str, sizes))} --replicates {','.join(map(str, counts))} "
+        f"--participants {participants} --seed {seed}"
+    )
+    content = {
+        "what": "Simulation-based calibration of the Bayesian model: simulated people, simulated truths.",
+        "command": command, "seed": seed, "kernel_digest": kernel_digest(), "versions": versions(),
+        **result.to_dict(),
+    }  # fmt: skip
+    if out is not None:
+        write_output("--out", out, (json_text.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
+    report.say(result.sentence)
+    for run in result.runs:
+        report.say(run.sentence)
+    columns = [c for c in result.table.columns if not c.startswith("p_")] + ["p_uniform"]
+    report.say(result.table[columns].round(3).to_string())
+    report.finish(content)

@@ -1,0 +1,190 @@
+"""One model under every criterion of the comparison: likelihood, information criteria, LOO, k-fold, evidence."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from models.baum_welch_fit import BaumWelchFit
+from models.events import EventLog
+from models.gate import Gate
+from models.hmm_density import HmmDensity
+from models.parameters import Array, Layout
+from models.people_folds import held_out_log_predictive, person_of_run
+from models.posterior import TABLES, Posterior
+from models.rivals import CountingRival
+from models.smc import SmcSettings, log_marginal_likelihood
+
+HIGH_K = 0.7
+"""Pareto k above which a person's LOO term is not to be relied on."""
+
+
+@dataclass(frozen=True)
+class ModelCriteria:
+    """A model with its criteria.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``states`` (a latent state that changes), ``types`` (one that does not), ``markov``, ``constant``.
+    size : int
+        Number of states or types; 1 for counting rivals.
+    log_likelihood : float
+        Maximised: the paper's criterion.
+    n_parameters : int
+    aic, bic : float
+    loo : arviz_stats.ELPDData
+        PSIS-LOO by participant, pointwise.
+    log_marginal, log_marginal_error : float
+        Log marginal likelihood and its Monte Carlo error (0 where it is exact).
+    kfold : float64[person]
+        Log predictive of each person by a model that has not seen their fold.
+    gate : Gate or None
+        Convergence of the posterior sample; None where draws are independent.
+    converged : bool
+        Whether the maximisation converged.
+    """
+
+    name: str
+    kind: str
+    size: int
+    log_likelihood: float
+    n_parameters: int
+    aic: float
+    bic: float
+    loo: Any
+    log_marginal: float
+    log_marginal_error: float
+    kfold: Array
+    gate: Gate | None = None
+    converged: bool = True
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Whether the model has a latent state that changes."""
+        return self.kind == "states"
+
+    @property
+    def high_k(self) -> int:
+        """People whose Pareto k is above `HIGH_K`."""
+        return int(np.count_nonzero(self.loo.pareto_k.values > HIGH_K))
+
+
+def alike(log: EventLog) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """People with the same histories: one person of each kind, and the kind of every person.
+
+    Their log-likelihoods are equal under every draw, so importance sampling is done once a kind.
+    """
+    tree, person = log.tree(), person_of_run(log)
+    history = tree.run_node[np.lexsort((tree.run_node, person))]
+    pieces = np.split(history, np.cumsum(np.bincount(person))[:-1])
+    _, first, kind = np.unique([piece.tobytes() for piece in pieces], return_index=True, return_inverse=True)
+    return first.astype(np.int64), kind.astype(np.int64)
+
+
+def loo_by_person(log_likelihood: Array, kinds: tuple[NDArray[np.int64], NDArray[np.int64]]) -> Any:
+    """PSIS-LOO with people as the unit.
+
+    Parameters
+    ----------
+    log_likelihood : float64[chain, draw, person]
+    kinds : (first, kind)
+        As from `alike`.
+
+    Returns
+    -------
+    arviz_stats.ELPDDataLOO
+        One value a person. A person whose log-likelihood never varies (no response recorded) has Pareto k 0 and
+        their log-likelihood as elpd: importance sampling has nothing to do there, and ArviZ refuses to.
+    """
+    import arviz as az
+
+    first, kind = kinds
+    values = log_likelihood[..., first]
+    chains, draws, _ = values.shape
+    varies = np.ptp(values.reshape(chains * draws, -1), axis=0) > 1e-12
+    if not varies.any():
+        raise ValueError("the log-likelihood is the same under every draw: there is nothing to leave out")
+    unit = xr.Dataset({"participant": (("chain", "draw", "person"), values[..., varies])})
+    # Efficiency from the likelihoods themselves: they know no labels and no held tables.
+    ess = az.ess(xr.DataTree.from_dict({"posterior": np.exp(unit - unit.max(("chain", "draw")))}), method="mean")
+    efficiency = float(np.clip(np.nanmean(ess["participant"].values) / (chains * draws), 0.01, 1.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # high Pareto k are counted and reported with the comparison
+        found = az.loo(
+            xr.DataTree.from_dict({"posterior": unit, "log_likelihood": unit}), pointwise=True,
+            var_name="participant", reff=efficiency,
+        )  # fmt: skip
+    elpd, k = values[0, 0].copy(), np.zeros(len(first))
+    elpd[varies], k[varies] = found.elpd_i.values, found.pareto_k.values
+    in_sample = logsumexp(values, axis=(0, 1)) - np.log(chains * draws)
+    by_person = elpd[kind]
+    n = len(kind)
+    return replace(
+        found, elpd=float(by_person.sum()), se=float(np.sqrt(n * by_person.var())),
+        p=float((in_sample[kind] - by_person).sum()), n_data_points=n,
+        elpd_i=xr.DataArray(by_person, dims="person"), pareto_k=xr.DataArray(k[kind], dims="person"),
+    )  # fmt: skip
+
+
+def of_rival(
+    rival: CountingRival, name: str, kind: str, log: EventLog, fold: NDArray[np.int64], draws: int, seed: int
+) -> ModelCriteria:
+    """Criteria of a counting rival: exact but for LOO, which is done as for the others."""
+    sample = rival.tree(4, draws, seed)["log_likelihood"]["participant"].to_numpy()
+    kfold = np.empty(len(fold))
+    for number in np.unique(fold):
+        kfold[fold == number] = rival.log_predictive(fold == number)
+    return ModelCriteria(
+        name, kind, 1, rival.log_likelihood, rival.n_parameters, rival.aic, rival.bic,
+        loo_by_person(sample, alike(log)), rival.log_marginal_likelihood, 0.0, kfold,
+    )  # fmt: skip
+
+
+def of_latent(
+    log: EventLog,
+    name: str,
+    kind: str,
+    em: BaumWelchFit,
+    posterior: Posterior,
+    pseudo: Array,
+    pins: Mapping[str, Array | None],
+    fold: NDArray[np.int64],
+    evidence: SmcSettings,
+    moves: SmcSettings,
+) -> ModelCriteria:
+    """Criteria of a model with a latent state, changing or not.
+
+    Parameters
+    ----------
+    log : EventLog
+    name, kind : str
+    em : BaumWelchFit
+    posterior : Posterior
+        Of the same states and pins.
+    pseudo : float64[p]
+        Pseudo-counts of the prior of `posterior`.
+    pins : mapping
+    fold : int64[person]
+    evidence, moves : SmcSettings
+        For the marginal likelihood and for the folds.
+    """
+    layout = Layout(log.protocol, posterior.n_states)
+    density = HmmDensity(log.tree(), layout, 1.0 + pseudo, pins)
+    marginal = log_marginal_likelihood(density, evidence)
+    tables = [posterior.table(t) for t in TABLES]
+    theta = np.concatenate([t.reshape(len(t), -1) for t in tables], axis=1)
+    sample = posterior.data["log_likelihood"]["participant"].to_numpy()
+    return ModelCriteria(
+        name, kind, posterior.n_states, em.log_likelihood, em.n_parameters, em.aic, em.bic,
+        loo_by_person(sample, alike(log)), marginal.estimate, marginal.error,
+        held_out_log_predictive(log, density, theta, fold, moves), posterior.gate, em.converged,
+    )  # fmt: skip

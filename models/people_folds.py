@@ -1,0 +1,153 @@
+r"""Predicting people who were held out: k-fold cross-validation without starting the sampler anew for every fold.
+
+The posterior without fold `F` is reached from draws of the full posterior by taking the fold out little by little,
+:math:`\pi_u(\theta) \propto p(\theta)\,p(y_{-F} \mid \theta)\,p(y_F \mid \theta)^{1-u}`, :math:`u` from 0 to 1:
+reweight, resample and move as in `models.smc`. The tree of histories stays; only its counts change. The log
+predictive of a held-out person is
+
+.. math:: \log \frac{1}{N} \sum_n p(y_i \mid \theta_n), \qquad \theta_n \sim p(\theta \mid y_{-F}),
+
+so it needs no labels, and people (not runs) are held out.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from models.draw_kernels import constrained, history_log_likelihoods
+from models.errors import located
+from models.events import EventLog
+from models.hmm_density import LOGIT, HmmDensity
+from models.parameters import Array
+from models.smc import SmcSettings, moved, next_temperature, spread, systematic
+
+FOLD_STREAM, MOVE_STREAM = 7_105, 7_106
+"""First elements of the spawn keys: who is in which fold, and the moves of each fold."""
+
+MOVES = SmcSettings(particles=500, moves=5)
+"""Particles a fold and proposals a particle makes at every step."""
+
+
+def person_of_run(log: EventLog) -> NDArray[np.int64]:
+    """Position of each run's participant among the sorted participants."""
+    return np.unique(log.participant, return_inverse=True)[1].astype(np.int64)
+
+
+def assign_folds(log: EventLog, folds: int, seed: int) -> NDArray[np.int64]:
+    """Fold of each person, at random within the condition of their first run, sizes as equal as can be.
+
+    Raises
+    ------
+    InputError
+        On fewer than 2 folds or more folds than people.
+    """
+    people = log.n_participants
+    if not 2 <= folds <= people:
+        raise located("folds", folds, f"from 2 to the number of people, {people}")
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(FOLD_STREAM, folds)))
+    first = np.unique(log.participant, return_index=True)[1]
+    order = np.lexsort((rng.random(people), log.condition[first]))
+    out = np.empty(people, dtype=np.int64)
+    out[order] = np.arange(people) % folds
+    return out
+
+
+def held_out_log_predictive(
+    log: EventLog,
+    density: HmmDensity,
+    theta: Array,
+    fold: NDArray[np.int64],
+    settings: SmcSettings = MOVES,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> Array:
+    """Log predictive of every person by a model that has not seen their fold.
+
+    Parameters
+    ----------
+    log : EventLog
+    density : HmmDensity
+        Of the whole log.
+    theta : float64[draw, p]
+        Draws of the posterior of the whole log, in the layout's order; their labels do not matter.
+    fold : int64[person]
+        As from `assign_folds`.
+    settings : SmcSettings
+        `particles`, `moves`, `path`, `ess` and `seed` are used.
+    progress : callable, optional
+        Called with (done, total) folds.
+
+    Returns
+    -------
+    float64[person]
+    """
+    density.plan, density.template, density.dimension  # noqa: B018  (cached before threads share them)
+    out = np.empty(len(fold))
+    kept = theta[np.linspace(0, len(theta) - 1, settings.particles).round().astype(np.int64)]
+    start = unconstrained_draws(density, kept)
+    run_person = person_of_run(log)
+    history = np.searchsorted(density.tree.terminals, density.tree.run_node)
+    folds = np.unique(fold)
+
+    def one(number: int) -> None:
+        members = np.flatnonzero(fold == number)
+        inside = fold[run_person] == number
+        rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(MOVE_STREAM, number)))
+        x = _without(density, start, inside, history, settings, rng)
+        by_history = history_log_likelihoods(density.tree, density.layout, constrained(density, x))
+        by_run = by_history[:, history[inside]]
+        starts = np.searchsorted(run_person[inside], members)
+        by_person = np.add.reduceat(by_run, starts, axis=1)
+        out[members] = logsumexp(by_person, axis=0) - np.log(len(x))
+
+    pool = ThreadPoolExecutor(max_workers=min(len(folds), os.cpu_count() or 1))
+    try:
+        for done, _ in enumerate(pool.map(one, folds.tolist()), start=1):
+            if progress is not None:
+                progress(done, len(folds))
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+    return out
+
+
+def unconstrained_draws(density: HmmDensity, theta: Array) -> Array:
+    """Inverse of `constrained` for many draws; entries that rounded to zero count as the smallest number."""
+    x = np.empty((len(theta), density.dimension))
+    logs = np.log(np.maximum(theta, 1e-300))
+    for start, width, kind, top, offset in zip(*density.plan, strict=True):
+        row = logs[:, start : start + width]
+        if kind == LOGIT:
+            x[:, offset] = row[:, top - start] - row[:, 1 - (top - start)]
+        else:
+            x[:, offset : offset + width - 1] = (row - row.mean(axis=1, keepdims=True))[:, :-1]
+    return x
+
+
+def _without(
+    density: HmmDensity, start: Array, inside: NDArray[np.bool_], history: NDArray[np.int64], settings: SmcSettings,
+    rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """Particles of the full posterior carried to the posterior without the runs `inside`."""
+    tree, n = density.tree, len(start)
+    counts = np.bincount(history[inside], minlength=tree.n_histories).astype(np.float64)
+    x, out_share, step = start.copy(), 0.0, 0.5
+    while out_share < 1.0:
+        fold_value = history_log_likelihoods(tree, density.layout, constrained(density, x)) @ counts
+        following = next_temperature(-fold_value, out_share, settings.ess)
+        weight = -(following - out_share) * fold_value
+        share = np.exp(weight - logsumexp(weight))
+        scale = spread(x, share)
+        x = np.ascontiguousarray(x[systematic(share, rng.random())])
+        out_share = following
+        left = replace(density, tree=tree.with_runs(np.where(inside, 1.0 - out_share, 1.0)))
+        step, _ = moved(left, x, np.zeros(n), 1.0, scale, step, settings, rng)
+    return x

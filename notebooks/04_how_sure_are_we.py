@@ -1,0 +1,339 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # How sure are we?
+#
+# **The question.** Baum-Welch gives one set of tables (notebook 03). How different could the tables be, given the same
+# data? And which *conclusions* depend on what is not known?
+#
+# **The data.** The *simulated* study of the workbench (540 simulated people, known truth); at the end the *real* people of
+# Fudenberg, Rand and Dreber (2012).
+#
+# **The model.** The same likelihood as in notebook 03, with a prior on every row of every table:
+#
+# $$T(\cdot \mid s, a) \sim \text{Dirichlet}(1 + \kappa\, e_s), \qquad b_0 \sim \text{Dirichlet}(1), \qquad
+# O(\text{help} \mid s, a) \sim \text{Beta}(1, 1).$$
+#
+# $\kappa = 2$ says that states tend to last, a little. The posterior is prior times likelihood: a distribution over tables.
+
+# %% tags=["parameters"]
+FAST = False
+SEED = 1
+
+# %%
+import numpy as np
+import nutpie
+import pandas as pd
+import pymc as pm
+
+from analysis.causal import causal_effects
+from analysis.datasets import load, log_digest
+from analysis.figures.chain_ranks import chain_ranks
+from analysis.figures.checks import predictive_checks
+from analysis.figures.contraction import contraction_dots
+from analysis.figures.effects import contrast_by_state, effect_by_round
+from analysis.figures.notebook import panels, show
+from analysis.fits import stored_fit
+from analysis.kappa_sensitivity import kappa_sensitivity, refits
+from analysis.notebooks import ABSENT
+from analysis.predictive_checks import posterior_checks, prior_predictive, prior_sentence
+from analysis.simulate import calibrated_truth
+from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
+from models.bayesian_hmm import build_model
+from models.errors import InputError
+from models.nuts import NutsSettings
+from models.protocol import PUBLISHED
+from models.relabel import relabel_draws
+
+# %%
+data = load("simulated_study1")
+log, digest = data.log, log_digest(data.log)
+sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(1000, 1000, 4, SEED)
+log
+
+# %% [markdown]
+# ## The model in PyMC, and one prior changed by hand
+#
+# `build_model` returns a plain PyMC model with the latent states summed out; the likelihood is one Op around the compiled
+# kernel, with its exact gradient. Everything about it can be read and changed.
+
+# %%
+model = build_model(log, 2)
+for variable in model.free_RVs:
+    print(variable.name, variable.owner.op.__class__.__name__, model.named_vars_to_dims[variable.name])
+
+# %% [markdown]
+# Suppose somebody is convinced that hardly anybody refuses after a signal. Take the model, and add to its prior: a
+# pseudo-study of 18 helping and 2 refusing in every state, under `signal` only.
+
+# %%
+with model:
+    chance = model["help_probability"][PUBLISHED.emission_actions.index("signal")]
+    pm.Potential("conviction", pm.logp(pm.Beta.dist(19, 3), chance).sum())
+    point = model.initial_point(SEED)
+    print("log density at one point, with the conviction:", round(float(model.compile_logp()(point)), 2))
+print("without it:", round(float(build_model(log, 2).compile_logp()(point)), 2))
+
+# %% [markdown]
+# The edited prior still treats all states alike, so draws may be put into canonical order afterwards. A prior that *tells
+# states apart* (another one for s0 than for s1) must not be relabelled: then the labels are the prior's. Sampling it is
+# what it always is in PyMC:
+
+# %%
+draws = 200 if FAST else 1000
+compiled = nutpie.compile_pymc_model(model)
+trace = nutpie.sample(compiled, draws=draws, tune=draws, chains=2, seed=SEED, progress_bar=False, target_accept=0.9)
+group = trace["posterior"]
+helps = group["help_probability"].to_numpy()
+_, _, edited = relabel_draws(
+    group["initial"].to_numpy(), group["transition"].to_numpy(), np.stack([1 - helps, helps], axis=-1),
+    PUBLISHED.scores, log.emission_weights,
+)  # fmt: skip
+print("divergences:", int(trace["sample_stats"]["diverging"].sum()))
+
+# %% [markdown]
+# For the many fits below the workbench has a *direct* engine: the same density, to nine digits, without PyTensor's
+# compile time.
+#
+# ## Fit, and look at the gate before anything else
+
+# %%
+fits = {k: stored_fit(log, digest, k, sampler=sampler).posterior for k in (2, 3, 4)}
+for k, fit in fits.items():
+    print(f"{k} states: {fit.gate.sentence}")
+
+# %%
+plain = fits[2].table("emission")
+pd.DataFrame(
+    {
+        name: table[..., 1, :, 1].reshape(-1, 2).mean(0)
+        for name, table in (("as it was", plain), ("edited", edited))
+    },
+    index=["help rate after a signal, s0", "s1"],
+).round(3)
+
+# %% [markdown]
+# The conviction of 20 invented responses a state pulls the help rate of s0 up; s1, of which the data say more and which
+# agrees with it, stays.
+
+# %%
+axes = panels(3.0, 3.0, 3.0, height=2.5)
+for ax, (k, fit) in zip(axes, fits.items(), strict=True):
+    entry = f"transition[help,s0,s{k - 1}]"
+    chain_ranks(fit.flat()[:, :, fit.entry_names.index(entry)], title=f"{k} states: {entry}", ax=ax)
+show(axes[0], "simulated", "Ranks of each chain's draws among all draws; flat means that the chains agree.")
+
+# %% [markdown]
+# **How to read it.** No divergences, r-hat below 1.01 and more than 400 effective draws of *every* entry and of
+# label-invariant quantities: only then are the numbers shown without a banner. **What not to conclude:** a passed gate
+# says that the sampler found *this* posterior, not that the model is right.
+#
+# ### Label switching
+#
+# Permuting the states changes neither likelihood nor prior, so the posterior has $K!$ identical copies and a chain may
+# visit several. Means of raw draws would average over labels. The workbench leaves the labels free while sampling and
+# sorts every draw by expected response afterwards. That is exact while the prior treats states alike, and it is better
+# than forbidding the copies: a sampler that must keep $q_0 < q_1 < \ldots$ gets caught where two states nearly coincide.
+# The price: the sorting key is an order statistic, *also where there is nothing to find*. In the prior itself, s0 and s3
+# are far apart:
+
+# %%
+for group in ("prior", "posterior"):
+    helps = fits[4].table("emission", group)[..., PUBLISHED.response_names.index("help")]
+    weights = fits[4].emission_weights / fits[4].emission_weights.sum()
+    print(f"{group}: mean help rate of the sorted states", np.round((helps * weights[:, None]).sum(1).mean(0), 2))
+
+# %% [markdown]
+# ## Contraction: have the data said anything?
+#
+# $1 - \mathrm{var}(\text{posterior}) / \mathrm{var}(\text{prior})$ for every entry; the prior is sorted the same way.
+
+# %%
+axes = panels(4.2, 4.2, 4.2, height=3.2)
+for ax, (k, fit) in zip(axes, fits.items(), strict=True):
+    found = contraction(fit)
+    contraction_dots(found.table, known=KNOWN, partly=PARTLY, title=f"{k} states", ax=ax)
+    print(found.sentence)
+show(axes[0], "simulated", "One dot an entry, the bar its table's median. Grey: the prior; green: the data.")
+
+# %% [markdown]
+# **How to read it.** With 2 states 540 people determine the tables. With the paper's 4 the transition tables *are the
+# prior*: whoever quotes $T(s' \mid s, a)$ from such a fit quotes an assumption. **What not to conclude:** that there are
+# two kinds of people. The truth behind these simulated data has four; the design cannot show them.
+#
+# ## What one action changes
+#
+# Instead of single entries: by how much does one act of help change the expected help rate of the next round?
+
+# %%
+axes = panels(4.6, 4.6, height=3.2)
+for ax, k in zip(axes, (2, 4), strict=True):
+    found = contrasts(fits[k])
+    rows = found.table[found.table["action"] == "help"]
+    contrast_by_state(rows, scale=found.scale, unit=found.unit, title=f"{k} states", limits=(-20, 50), ax=ax)
+    print(f"{k} states: {found.sentence_of('help')}")
+show(axes[0], "simulated", "One act of help instead of none, by state before. Grey the prior, blue the posterior.")
+
+# %% [markdown]
+# **How to read it.** State by state the 4-state model hardly knows more than its prior, except at the bottom. Averaged
+# over people it knows about as much as the 2-state model. Averages can be known when their parts are not.
+#
+# ## The causal question
+#
+# Keep everybody's schedule, let the robot *always* or *never* help, and compute the expected help rate of each round
+# exactly, in every posterior draw (standardisation). Since conditions were assigned at random in this design, the raw
+# difference of the arms answers the same question without a model.
+
+# %%
+effects = {k: causal_effects(fit, log, kind=data.card.kind) for k, fit in fits.items()}
+axes = panels(4.4, 4.4, height=3.3)
+for ax, action in zip(axes, ("help", "signal"), strict=True):
+    found = effects[4]
+    effect_by_round(
+        found.of(action), scale=found.scale, unit=found.unit, title=action, limits=(-15, 35), ax=ax,
+    )  # fmt: skip
+show(axes[0], "simulated", "Always against never, by round, 4 states, beside the raw difference of the arms.")
+
+# %%
+known = causal_effects(fits[2], log)
+rows = []
+for k, found in effects.items():
+    for action in found.actions:
+        row = found.of(action).iloc[-1]
+        rows.append({"action": action, "states": k, **(100 * row[["mean", "low", "high"]].astype(float)).round(1)})
+for action in known.actions:
+    row = 100 * known.of(action).iloc[-1][["raw", "raw_low", "raw_high"]].astype(float)
+    rows.append(
+        {
+            "action": action,
+            "states": "none: raw arms",
+            **dict(zip(("mean", "low", "high"), row.round(1), strict=True)),
+        }
+    )
+pd.DataFrame(rows).sort_values("action", kind="stable").set_index(["action", "states"])
+
+# %% [markdown]
+# And the truth, which only simulated data have: the same contrast under the tables that the data were drawn from.
+
+# %%
+from analysis.causal import expected_responses, with_action
+from models.model_draws import ModelDraws
+
+truth = ModelDraws.from_models([calibrated_truth()])
+for mode, null, act in (
+    ("human_needs_help", "no_help", "help"),
+    ("robot_needs_help", "no_signal", "signal"),
+):
+    (never, runs), (always, _) = (expected_responses(truth, log, with_action(log, mode, a)) for a in (null, act))
+    print(
+        f"true effect of always '{act}': {100 * ((always - never)[0] @ runs / runs.sum()):+.1f} percentage points"
+    )
+
+# %% [markdown]
+# **How to read it.** Three things at once. The effect over all responses is nearly the same at 2, 3 and 4 states, although
+# at 4 the tables it is made of are mostly prior: the answer does not hang on the number of states. Its intervals are
+# narrower than the raw ones, since the model borrows strength over rounds and schedules. *And they leave out the truth*,
+# which the raw interval contains. The prior is why: priors that look flat entry by entry give `help` and `no help` tables
+# that are alike on average, so before any data the model all but excluded an effect of this size,
+
+# %%
+for k, found in effects.items():
+    row = found.of("help").iloc[-1]
+    print(f"{k} states, before any data: {100 * row['prior_low']:+.1f} to {100 * row['prior_high']:+.1f}")
+print(effects[4].sentence_of("help"))
+
+# %% [markdown]
+# and 540 people only pull it part of the way. Where arms were randomised, quote the raw difference first; the model's
+# contrast is for questions that the arms cannot answer. Before the first chance to help the model's effect is exactly
+# zero; the raw difference in round 0 is chance, and shows how large chance is. **What not to conclude:** that a narrow
+# interval is a good one; anything about people from simulated data; or, from an intention-to-treat contrast, what one
+# act of help does to one person.
+#
+# ## Does it depend on $\kappa$?
+
+# %%
+few = NutsSettings(200, 200, 2, SEED) if FAST else sampler
+sensitivity = kappa_sensitivity(refits(log, digest, 4, sampler=few), log)
+print(sensitivity.sentence)
+sensitivity.table.drop(columns="positive").round(1).set_index(["quantity", "kappa"])
+
+# %%
+before = prior_predictive(log, 4, draws=100 if FAST else 400, seed=SEED)
+print(prior_sentence(before))
+
+# %% [markdown]
+# **How to read it.** Before the data (last two columns) $\kappa$ matters for one act: the stickier, the less an action can
+# do. After the data it matters little for the average effects. But agreement over $\kappa$ is no proof of innocence: all
+# three priors pull the effect of helping towards zero, as the last section showed. Also, four independent uniform help
+# rates average out near one half, so the "flat" prior is surprised by a study in which four of five help. **What not to
+# conclude:** that flat priors on entries are flat on what one cares about.
+#
+# ## Checks that the model could fail
+#
+# Draw a model from the posterior, draw a study from it (same design, new people), compare statistics that the fit did not
+# aim at.
+
+# %%
+checks = {k: posterior_checks(fits[k], log, draws=100 if FAST else 400, seed=SEED) for k in (2, 4)}
+show(
+    predictive_checks(checks[2].table, title="2 states"),
+    "simulated",
+    "Observed values (diamonds, filled where outside) among simulated studies (bars: 90 %).",
+)
+for k, found in checks.items():
+    print(f"{k} states: {found.sentence}")
+
+# %% [markdown]
+# **How to read it.** Both pass, as they should: these data *were* drawn from such a model. **What not to conclude:** that
+# checks are a formality. Here is the same on people:
+#
+# ## Real people
+#
+# Condition `bc4_e8` of Fudenberg, Rand and Dreber: 90 people, four games each, $T(\text{no signal})$ held at the identity
+# as in notebook 03.
+
+# %%
+try:
+    real = load("frd2012")
+except InputError as failure:
+    real = None
+    print(f"{ABSENT}: the cells on frd2012 are skipped. {failure}")
+
+# %%
+if real is not None:
+    part = real.log.select(conditions=[real.card.defaults["condition"]])
+    people = stored_fit(part, log_digest(part), 3 if not FAST else 2, pins={"no_signal": None}, sampler=sampler)
+    print(people.posterior.gate.sentence)
+    print(contraction(people.posterior).sentence)
+    print(causal_effects(people.posterior, part, kind=real.card.kind).sentence_of("help"))
+
+# %%
+if real is not None:
+    failed = posterior_checks(people.posterior, part, draws=100 if FAST else 400, seed=SEED)
+    show(predictive_checks(failed.table), real.card.kind, "Observed values among studies simulated from the fit.")
+    print(failed.sentence)
+
+# %% [markdown]
+# **How to read it.** Here the tables are well determined, and the model is *wrong*: every game starts from the same
+# initial belief, so simulated people are all alike in the long run. Real people differ, and stay different from game to
+# game: the variance of their counts is several times what the model can produce, and one in eight never cooperates.
+# Small intervals around the tables of a model that fails are no comfort. And the large contrast of the partner's
+# cooperation is *not* an effect: partners were not randomised, they answered to what the person had done.
+#
+# ## What to take along
+#
+# | question | where the answer stands |
+# |---|---|
+# | may I believe the sampler? | the gate; no number without it |
+# | may I quote this entry? | its contraction |
+# | may I quote this effect? | the contrast, its kappa table, and the raw arms where there are any |
+# | is the model good enough? | checks it could fail, conditioned on what they say |
+# | is it causal? | only where the design assigned the action |

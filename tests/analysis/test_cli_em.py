@@ -1,0 +1,60 @@
+"""The command `em`: what it refuses before it fits, and what it writes."""
+
+import json
+
+import pytest
+
+from analysis.cli import main
+from tests.analysis.event_text import text
+
+
+def run(*arguments):
+    try:
+        main(["em", *map(str, arguments)])
+    except SystemExit as stop:
+        return stop.code or 0
+    return 0
+
+
+def test_data_and_protocol_are_never_overwritten(tmp_path, capsys):
+    path = tmp_path / "two.csv"
+    path.write_text(text())
+    assert run(path, "--json", path) == 2
+    assert capsys.readouterr().err == f"prosocial: --json: found '{path}', wanted another file than DATA\n"
+    assert run("simulated_study1", "--protocol", path, "--json", path) == 2
+    assert "wanted another file than --protocol" in capsys.readouterr().err
+    assert path.read_text() == text()
+
+
+def test_model_files_and_json_are_kept_apart(tmp_path, capsys):
+    out = tmp_path / "model_2_states.json"
+    assert run("simulated_study1", "--states", "2", "--out", tmp_path, "--json", out) == 2
+    assert "--out, model_2_states.json: found" in capsys.readouterr().err
+    assert run("simulated_study1", "--states", "2", "--out", tmp_path / "new", "--json", tmp_path / "new") == 2
+    assert "wanted another file than --out" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", ""), "--out: found '', wanted the name of a folder"),
+        (("--out", "/proc/models"), "/proc, where no file can be made"),
+        (("--states", ""), "--states: found '', wanted a number such as 4"),
+        (("--states", "4-2"), "the smaller number first"),
+        (("--states", "1-999999999999"), "--states: found '1-999999999999', wanted a number such as 4"),
+    ],
+)
+def test_unusable_arguments_are_refused_before_the_fit(arguments, message, capsys):
+    assert run("simulated_study1", *arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_model_files_are_written(tmp_path):
+    json_path = tmp_path / "em.json"
+    assert run("simulated_study1", "--states", "1", "--out", tmp_path, "--json", json_path, "--quiet") == 0
+    (fit,) = json.loads(json_path.read_text())["fits"]
+    assert fit["model_file"] == str(tmp_path / "model_1_states.json")
+    assert json.loads((tmp_path / "model_1_states.json").read_text())["what"].startswith(
+        "Baum-Welch estimate with 1 state;"
+    )

@@ -79,7 +79,7 @@ class CompareSettings:
         """Full or quick settings; the quick ones rank models, they do not settle close calls."""
         if quick:
             return cls(
-                60, 10, NutsSettings(draws=300, tune=300, seed=seed), SmcSettings(200, 2, moves=2, seed=seed),
+                60, 10, NutsSettings(draws=450, tune=350, seed=seed), SmcSettings(200, 2, moves=2, seed=seed),
                 SmcSettings(200, moves=3, seed=seed), folds, (2,), seed,
             )  # fmt: skip
         return cls(

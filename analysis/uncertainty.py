@@ -259,8 +259,8 @@ class BesideEm:
             return ""
         chains = ", ".join(map(str, self.stuck))
         return (
-            f"Chain{'s' * (len(self.stuck) > 1)} {chains} sampled around a lesser maximum: their likelihood stays far "
-            "below what EM found. Do not rely on anything computed from these draws."
+            f"Chain{'s' * (len(self.stuck) > 1)} {chains} sampled around a lesser maximum: their likelihood stays "
+            "far below what EM found. Do not rely on anything computed from these draws."
         )
 
     @property

@@ -87,7 +87,7 @@ def figure(result: Comparison, origin: Origin) -> Figure:
     best = "; ".join(f"{model} is best by {', '.join(names)}" for model, names in chosen.items())
     caption = (
         "How much worse each model predicts the responses of a person it has not seen than the best model by the "
-        "same criterion, with two standard errors of the difference; at the right, the criteria that choose the model. "
+        "same criterion, with two standard errors of the difference; at the right, the criteria that choose it. "
         f"In the shaded band, {CLOSE:g} nats, a difference says nothing. The axis is logarithmic beyond 10 nats."
     )
     alt = f"Expected log predictive density below the best: {differences}. {best}."

@@ -24,12 +24,16 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from models.compiled import kernel
+from models.em_kernel import em
 from models.errors import located
 from models.forward_backward import sweep
 from models.histories import HistoryTree
 from models.parameters import Array, Layout, checked_pins
 
 SIMPLEX, LOGIT = 0, 1
+
+START_TRIES, START_MAPS = 10, 50
+"""Prior draws tried for the start of a chain, and EM maps spent on each."""
 
 
 class RowPlan(NamedTuple):
@@ -130,13 +134,32 @@ class HmmDensity:
         return theta
 
     def prior_point(self, seed: int | np.random.Generator | None) -> Array:
-        """A draw from the prior, unconstrained: where a chain starts."""
+        """A draw from the prior, unconstrained."""
         rng = np.random.default_rng(seed)
         theta = self.template.copy()
         for start, width, *_ in zip(*self.plan, strict=True):
             p = rng.gamma(self.alpha[start : start + width]) + 1e-6
             theta[start : start + width] = p / p.sum()
         return self.unconstrained(theta)
+
+    def starting_point(self, seed: int | np.random.Generator | None) -> Array:
+        """Where a chain starts: the best of `START_TRIES` prior draws after a few EM maps each, moved inside.
+
+        Chains that start from the prior itself can stay for good around a lesser maximum, such as one in which
+        the states have other labels under one action than under another.
+        """
+        rng = np.random.default_rng(seed)
+        free = self.layout.free_entries(checked_pins(self.layout, self.pins))
+        pseudo = np.maximum(self.alpha - 1.0, 0.0)
+        found = []
+        for _ in range(START_TRIES):
+            theta, trace, *_ = em(
+                self.theta(self.prior_point(rng)), self.tree.arrays, self.layout.sizes, self.layout.emission_index,
+                pseudo, free, START_MAPS, 0.0, START_MAPS + 1, True, np.zeros(1, dtype=np.uint8),
+            )  # fmt: skip
+            found.append((float(trace[-1]), theta))
+        best = max(found, key=lambda pair: pair[0])[1]
+        return self.unconstrained(np.where(free, 0.9 * best + 0.1 * self.layout.uniform, best))
 
     def unconstrained(self, theta: Array) -> Array:
         """Inverse of `theta`, for starting points; every sampled entry must be positive."""

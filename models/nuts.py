@@ -50,7 +50,7 @@ class NutsSettings:
     tune: int = 1000
     chains: int = 4
     seed: int = 1
-    target_accept: float = 0.9
+    target_accept: float = 0.95
 
     def __post_init__(self) -> None:
         for name, low in (("draws", 4), ("tune", 50), ("chains", 1), ("seed", 0)):
@@ -187,7 +187,7 @@ def _model(density: HmmDensity) -> Any:
             expand = _lib.ExpandFunc(dimension, dimension, _expand.address, table.ctypes.data, self)
             model = _lib.PyMcModel(
                 logp, expand, variables, dimension, sizes, {"coordinate": pd.RangeIndex(dimension)},
-                density.prior_point, lambda *a, **k: None,
+                density.starting_point, lambda *a, **k: None,
             )  # fmt: skip
             return _lib.PySampler.from_pymc(settings, cores, model, *rest)
 

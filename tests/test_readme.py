@@ -18,7 +18,7 @@ COMMANDS = [
     for line in block.splitlines()
     if line.startswith("prosocial")
 ]
-NEEDS_MORE = ("report", "bench", "import", "em ")
+NEEDS_MORE = ("report", "bench", "import", "em ", "bayes", "compare", "calibrate")
 """Commands with tests of their own, or that want a file of the reader's."""
 
 

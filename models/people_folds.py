@@ -16,6 +16,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,12 +96,13 @@ def held_out_log_predictive(
     run_person = person_of_run(log)
     history = np.searchsorted(density.tree.terminals, density.tree.run_node)
     folds = np.unique(fold)
+    stop = Event()
 
     def one(number: int) -> None:
         members = np.flatnonzero(fold == number)
         inside = fold[run_person] == number
         rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(MOVE_STREAM, number)))
-        x = _without(density, start, inside, history, settings, rng)
+        x = _without(density, start, inside, history, settings, rng, stop)
         by_history = history_log_likelihoods(density.tree, density.layout, constrained(density, x))
         by_run = by_history[:, history[inside]]
         starts = np.searchsorted(run_person[inside], members)
@@ -113,7 +115,8 @@ def held_out_log_predictive(
             if progress is not None:
                 progress(done, len(folds))
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        stop.set()
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
     return out
@@ -134,7 +137,7 @@ def unconstrained_draws(density: HmmDensity, theta: Array) -> Array:
 
 def _without(
     density: HmmDensity, start: Array, inside: NDArray[np.bool_], history: NDArray[np.int64], settings: SmcSettings,
-    rng: np.random.Generator,
+    rng: np.random.Generator, stop: Event,
 ) -> Array:  # fmt: skip
     """Particles of the full posterior carried to the posterior without the runs `inside`."""
     tree, n = density.tree, len(start)
@@ -149,5 +152,5 @@ def _without(
         x = np.ascontiguousarray(x[systematic(share, rng.random())])
         out_share = following
         left = replace(density, tree=tree.with_runs(np.where(inside, 1.0 - out_share, 1.0)))
-        step, _ = moved(left, x, np.zeros(n), 1.0, scale, step, settings, rng)
+        step, _ = moved(left, x, np.zeros(n), 1.0, scale, step, settings, rng, stop)
     return x

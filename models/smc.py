@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -121,14 +122,18 @@ def log_marginal_likelihood(
     density.plan, density.template, density.dimension  # noqa: B018  (cached before threads share them)
     streams = [np.random.SeedSequence(settings.seed, spawn_key=(STREAM, r)) for r in range(settings.runs)]
     found = []
+    stop = Event()
     pool = ThreadPoolExecutor(max_workers=min(settings.runs, os.cpu_count() or 1))
     try:
-        for result in pool.map(lambda stream: _run(density, settings, np.random.default_rng(stream)), streams):
+        for result in pool.map(
+            lambda stream: _run(density, settings, np.random.default_rng(stream), stop), streams
+        ):
             found.append(result)
             if progress is not None:
                 progress(len(found), settings.runs)
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        stop.set()  # running threads notice at their next proposal
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
     values, temperatures, acceptance = zip(*found, strict=True)
@@ -147,7 +152,9 @@ def prior_particles(density: HmmDensity, n: int, rng: np.random.Generator) -> Ar
     return x
 
 
-def _run(density: HmmDensity, settings: SmcSettings, rng: np.random.Generator) -> tuple[float, Array, float]:
+def _run(
+    density: HmmDensity, settings: SmcSettings, rng: np.random.Generator, stop: Event
+) -> tuple[float, Array, float]:
     """One run: log estimate, temperatures, smallest acceptance."""
     n = settings.particles
     x = prior_particles(density, n, rng)
@@ -165,14 +172,14 @@ def _run(density: HmmDensity, settings: SmcSettings, rng: np.random.Generator) -
         x, log_likelihood = np.ascontiguousarray(x[kept]), log_likelihood[kept]
         temperature = following
         temperatures.append(temperature)
-        step, rate = moved(density, x, log_likelihood, temperature, scale, step, settings, rng)
+        step, rate = moved(density, x, log_likelihood, temperature, scale, step, settings, rng, stop)
         worst = min(worst, rate)
     return total, np.array(temperatures), worst
 
 
 def moved(
     density: HmmDensity, x: Array, log_likelihood: Array, temperature: float, scale: Array, step: float,
-    settings: SmcSettings, rng: np.random.Generator,
+    settings: SmcSettings, rng: np.random.Generator, stop: Event | None = None,
 ) -> tuple[float, float]:  # fmt: skip
     """Let every particle make its proposals, in place.
 
@@ -191,6 +198,8 @@ def moved(
         Leapfrog step in units of `scale`.
     settings : SmcSettings
     rng : numpy.random.Generator
+    stop : threading.Event, optional
+        Setting it from another thread ends the work with `CancelledError`.
 
     Returns
     -------
@@ -202,6 +211,8 @@ def moved(
     n, dimension = x.shape
     worst = 1.0
     for _ in range(settings.moves if dimension else 0):
+        if stop is not None and stop.is_set():
+            raise CancelledError
         steps = int(np.clip(np.ceil(settings.path / step), 1, LONGEST_PATH))
         lengths = rng.integers(max(1, steps // 2), steps + 1, n)
         momentum = rng.standard_normal((n, dimension))

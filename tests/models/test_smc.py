@@ -1,6 +1,8 @@
 """Marginal likelihood: closed forms and exact enumeration; folds of people: refitting and closed forms."""
 
 import math
+import threading
+import time
 from collections import Counter
 from dataclasses import replace
 from itertools import product
@@ -139,6 +141,22 @@ def test_runs_are_reproducible_and_spread():
     assert np.ptp(one.runs) > 0
     assert np.array_equal(log_marginal_likelihood(density, replace(small, runs=2)).runs, one.runs[:2])
     assert math.isnan(log_marginal_likelihood(density, replace(small, runs=1)).error)
+
+
+def test_an_interruption_ends_the_running_threads():
+    density = density_of(design_of(few_runs(PUBLISHED, 40, 6, 2)), 3)
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    started = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        log_marginal_likelihood(density, SmcSettings(particles=400, runs=40, moves=10), progress=interrupt)
+    one_run = time.perf_counter() - started
+    assert threading.active_count() == before
+    log_marginal_likelihood(density, SmcSettings(particles=400, runs=1, moves=10))
+    assert one_run < 4 * (time.perf_counter() - started - one_run) + 1
 
 
 def test_temperature_keeps_the_effective_sample_size():

@@ -36,6 +36,21 @@ def bayes_command(
         str, typer.Option(help="direct: the compiled density; pymc: the PyMC model. Same posterior.")
     ] = "direct",
     pin: PinOption = None,
+    people_differ: Annotated[
+        bool, typer.Option("--people-differ", help="Hierarchical: each person has an offset on the log-odds.")
+    ] = False,
+    person_scale: Annotated[
+        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
+    ] = None,
+    person_nodes: Annotated[
+        int | None, typer.Option(metavar="N", help="Quadrature nodes over the offsets; by the data if not given.")
+    ] = None,
+    group: Annotated[
+        str | None, typer.Option(metavar="BY", help="Tables differ by condition, or FILE.csv:COLUMN of people.")
+    ] = None,
+    differ: Annotated[
+        str, typer.Option(metavar="TABLES", help="Which: initial, transition, emission; not all three.")
+    ] = "initial",
     out: Annotated[str | None, typer.Option("--out", metavar="FIT.nc", help="Write the fit as netCDF.")] = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -48,15 +63,20 @@ def bayes_command(
     goes on with the chains it had completed.
 
     Example: prosocial bayes simulated_study1 --states 3 --out reports/build/study1_3.nc
+
+    People who differ: prosocial bayes simulated_study1 --states 2 --people-differ --draws 3000
     """
     import sys
 
     from analysis import datasets, progress
     from analysis.fits import stored_fit
+    from analysis.grouping import groups_from
+    from analysis.people import spread_sentence
     from analysis.study_selection import select
     from models.errors import located
     from models.nuts import NutsSettings
     from models.parameters import DirichletPrior
+    from models.person_offset import PersonOffset
     from models.posterior_files import write_posterior
 
     report = Report(json, quiet)
@@ -68,15 +88,21 @@ def bayes_command(
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, str(states), pin)
     digest = datasets.log_digest(chosen.log)
     sampler = NutsSettings(draws, tune, chains, seed)
+    for option, given in (("--person-scale", person_scale), ("--person-nodes", person_nodes)):
+        if given is not None and not people_differ:
+            raise located(option, given, "--people-differ with it: there is no offset otherwise")
+    people = None
+    if people_differ:
+        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale, person_nodes)
+    groups = None if group is None else groups_from(group, differ, chosen.log)
     with progress.shown(quiet) as watch:
         try:
             stored = stored_fit(
                 chosen.log, digest, states, prior=DirichletPrior(stay=kappa), pins=dict.fromkeys(chosen.pins),
-                engine=cast("Engine", engine), sampler=sampler, progress=watch,
+                groups=groups, people=people, engine=cast("Engine", engine), sampler=sampler, progress=watch,
             )  # fmt: skip
         except KeyboardInterrupt:
-            print("prosocial: interrupted; completed chains are kept, the same command goes on", file=sys.stderr)
-            raise
+            raise KeyboardInterrupt("completed chains are kept, the same command goes on") from None
     fit = stored.posterior
     if out is not None:
         write_posterior(fit, out, {"data": data, "data_digest": digest, "key": stored.key})
@@ -84,6 +110,8 @@ def bayes_command(
     report.say("Found in the store." if stored.reused else f"Sampled in {fit.sampling_seconds:.1f} s.")
     report.say(fit.gate.sentence)
     report.say(fit.sentence)
+    if people is not None:
+        report.say(spread_sentence(fit))
     report.say(fit.summary().to_string(float_format=lambda v: f"{v:.3f}"))
     if not fit.gate.passed:
         print(f"prosocial: {fit.gate.sentence}", file=sys.stderr)
@@ -91,7 +119,10 @@ def bayes_command(
         {
             "data": data, "kind": chosen.dataset.card.kind, "digest": digest, "conditions": chosen.conditions,
             "states": states, "kappa": kappa, "pins": chosen.pins, "engine": engine, "seed": seed,
-            "reused": stored.reused, "stored": stored.path, "out": out, **posterior_to_dict(fit),
+            "groups": fit.settings.get("groups"), "people": fit.settings.get("people"),
+            "node_check": fit.settings.get("node_check"), "reused": stored.reused, "stored": stored.path,
+            "out": out,
+            **posterior_to_dict(fit),
         }
     )  # fmt: skip
 

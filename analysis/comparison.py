@@ -22,14 +22,15 @@ from models.bayesian_fit import fit
 from models.errors import located
 from models.events import EventLog
 from models.nuts import NutsSettings
-from models.parameters import STICKY, Array, DirichletPrior, Layout
+from models.parameters import STICKY, Array, DirichletPrior
 from models.people_folds import MOVES, assign_folds
+from models.person_offset import PersonOffset
 from models.posterior import Posterior
 from models.rivals import constant, first_order_markov, static_pins
 from models.smc import SmcSettings
 
 Progress = Callable[[str, int, int], None]
-Learn = Callable[[int, Mapping[str, Array | None]], Posterior]
+Learn = Callable[[int, Mapping[str, Array | None], PersonOffset | None], Posterior]
 
 CRITERIA = {
     "elpd": "LOO", "kfold": "k-fold over people", "log_marginal": "marginal likelihood", "bic": "BIC", "aic": "AIC",
@@ -207,6 +208,7 @@ def compare(
     *,
     pins: Mapping[str, Array | None] | None = None,
     prior: DirichletPrior = STICKY,
+    people: PersonOffset | None = None,
     settings: CompareSettings | None = None,
     learn: Learn | None = None,
     progress: Progress | None = None,
@@ -222,9 +224,12 @@ def compare(
         Transition tables held fixed in the latent-state models (None: the identity).
     prior : DirichletPrior
         Of the latent-state models; its emission parameter is also the rivals'.
+    people : PersonOffset, optional
+        Compare the hierarchical version at every number of states too, and at one state, where only people differ.
     settings : CompareSettings, optional
     learn : callable, optional
-        States and pins to a posterior, where a store of fits is at hand; `models.bayesian_fit.fit` by default.
+        States, pins and person offset to a posterior, where a store of fits is at hand;
+        `models.bayesian_fit.fit` by default.
     progress : callable, optional
         Called with (what is running, done, total).
 
@@ -239,8 +244,8 @@ def compare(
     fold = assign_folds(log, settings.folds, settings.seed)
     tell = progress or (lambda label, done, total: None)
 
-    def sampled(k: int, held: Mapping[str, Array | None]) -> Posterior:
-        return fit(log, k, prior=prior, pins=held, sampler=settings.sampler)
+    def sampled(k: int, held: Mapping[str, Array | None], offset: PersonOffset | None) -> Posterior:
+        return fit(log, k, prior=prior, pins=held, people=offset, sampler=settings.sampler)
 
     draws = settings.sampler.draws
     models = [
@@ -250,18 +255,21 @@ def compare(
         ),
     ]
     still = static_pins(log.protocol)
-    wanted = [("types", n, still) for n in settings.types] + [("states", k, pins) for k in dynamic]
-    for done, (kind, k, held) in enumerate(wanted):
+    wanted: list[tuple[str, int, Mapping[str, Array | None], PersonOffset | None]]
+    wanted = [*(("types", n, still, None) for n in settings.types), *(("states", k, pins, None) for k in dynamic)]
+    if people is not None:
+        wanted += [("traits", 1, pins, people), *(("people", k, pins, people) for k in dynamic)]
+    for done, (kind, k, held, offset) in enumerate(wanted):
         tell("comparing models", done, len(wanted))
         em = BaumWelch(
             k, restarts=settings.restarts, finalists=settings.finalists, pins=held, seed=settings.seed
         ).fit(log)
-        pseudo = prior.pseudo_counts(Layout(log.protocol, k))
-        posterior = (learn or sampled)(k, held)
+        posterior = (learn or sampled)(k, held, offset)
+        name = {"traits": "people differ, no states", "people": f"{k} states, people differ"}.get(
+            kind, f"{k} {kind}"
+        )
         models.append(
-            of_latent(
-                log, f"{k} {kind}", kind, em, posterior, pseudo, held, fold, settings.evidence, settings.moves
-            )
+            of_latent(log, name, kind, em, posterior, prior, held, fold, settings.evidence, settings.moves, offset)
         )
     tell("comparing models", len(wanted), len(wanted))
     return Comparison(tuple(models), stacked(models), settings, prior, log.n_participants, log.n_responses_recorded)

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def sentence(result: Comparison) -> str:
     """State each conclusion with the criteria for and against it."""
-    return " ".join(part for part in (_how_many(result), _against_rivals(result), _provisional(result)) if part)
+    return " ".join(
+        part for part in (_how_many(result), _against_rivals(result), _people(result), _provisional(result)) if part
+    )
 
 
 def _provisional(result: Comparison) -> str:
@@ -61,7 +63,7 @@ def _against_rivals(result: Comparison) -> str:
             key = "for" if len(ours) == len(models) else "open" if ours else "against"
             verdicts[key].append(_name(column))
     best = result.choices(["states"])["elpd"]
-    rival = result.choices(["types", "markov", "constant"])["elpd"]
+    rival = result.choices(["types", "markov", "constant", "traits"])["elpd"]
     gap, error = result.elpd_difference(best, rival)
     margin = (
         f"by LOO {best} {'leads' if gap > 0 else 'trails'} {rival}, the best rival, by {abs(gap):.1f} nats "
@@ -78,6 +80,21 @@ def _against_rivals(result: Comparison) -> str:
             f"{said[key]} {listed(names, 'and')}" for key, names in verdicts.items() if names
         )
     return f"{text}; {margin}."
+
+
+def _people(result: Comparison) -> str:
+    """Whether letting people differ helps to predict people."""
+    if not any(m.kind == "people" for m in result.models):
+        return ""
+    best, plain = result.choices(["people"])["elpd"], result.choices(["states"])["elpd"]
+    gap, error = result.elpd_difference(best, plain)
+    if abs(gap) < max(4.0, 2 * error):
+        verdict = "People who differ predict people neither better nor worse than people who do not"
+    elif gap > 0:
+        verdict = "People differ, and knowing that helps to predict them"
+    else:
+        verdict = "Letting people differ predicts people worse"
+    return f"{verdict}: by LOO {best} less {plain} is {gap:+.1f} nats (standard error {error:.1f})."
 
 
 def _name(column: str) -> str:

@@ -15,12 +15,14 @@ from scipy.special import logsumexp
 from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.gate import Gate
-from models.hmm_density import HmmDensity
-from models.parameters import Array, Layout
-from models.people_folds import held_out_log_predictive, person_of_run
-from models.posterior import TABLES, Posterior
+from models.parameters import Array, DirichletPrior
+from models.people_folds import held_out_log_predictive
+from models.people_maximum import people_maximum
+from models.person_offset import PersonOffset, person_of_run
+from models.posterior import SPREAD, TABLES, Posterior
 from models.rivals import CountingRival
 from models.smc import SmcSettings, log_marginal_likelihood
+from models.study_density import ModelSpec, StudyDensity
 
 HIGH_K = 0.7
 """Pareto k above which a person's LOO term is not to be relied on."""
@@ -34,7 +36,8 @@ class ModelCriteria:
     ----------
     name : str
     kind : str
-        ``states`` (a latent state that changes), ``types`` (one that does not), ``markov``, ``constant``.
+        ``states`` (a latent state that changes), ``people`` (the same, and people differ), ``types`` (a state that
+        does not change), ``markov``, ``constant``.
     size : int
         Number of states or types; 1 for counting rivals.
     log_likelihood : float
@@ -70,7 +73,7 @@ class ModelCriteria:
     @property
     def is_dynamic(self) -> bool:
         """Whether the model has a latent state that changes."""
-        return self.kind == "states"
+        return self.kind in ("states", "people")
 
     @property
     def high_k(self) -> int:
@@ -155,11 +158,12 @@ def of_latent(
     kind: str,
     em: BaumWelchFit,
     posterior: Posterior,
-    pseudo: Array,
+    prior: DirichletPrior,
     pins: Mapping[str, Array | None],
     fold: NDArray[np.int64],
     evidence: SmcSettings,
     moves: SmcSettings,
+    people: PersonOffset | None = None,
 ) -> ModelCriteria:
     """Criteria of a model with a latent state, changing or not.
 
@@ -170,21 +174,28 @@ def of_latent(
     em : BaumWelchFit
     posterior : Posterior
         Of the same states and pins.
-    pseudo : float64[p]
-        Pseudo-counts of the prior of `posterior`.
+    prior : DirichletPrior
+        Of `posterior`.
     pins : mapping
     fold : int64[person]
     evidence, moves : SmcSettings
         For the marginal likelihood and for the folds.
+    people : PersonOffset, optional
+        Where `posterior` is of the hierarchical version; `em` is then where the search for its maximum starts.
     """
-    layout = Layout(log.protocol, posterior.n_states)
-    density = HmmDensity(log.tree(), layout, 1.0 + pseudo, pins)
+    density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
     marginal = log_marginal_likelihood(density, evidence)
     tables = [posterior.table(t) for t in TABLES]
     theta = np.concatenate([t.reshape(len(t), -1) for t in tables], axis=1)
+    value, parameters, converged = em.log_likelihood, em.n_parameters, em.converged
+    if people is not None:
+        theta = np.concatenate([theta, posterior.table(SPREAD)[:, None]], axis=1)
+        highest = people_maximum(density, em)
+        value, parameters, converged = highest.log_likelihood, parameters + 1, highest.converged
     sample = posterior.data["log_likelihood"]["participant"].to_numpy()
     return ModelCriteria(
-        name, kind, posterior.n_states, em.log_likelihood, em.n_parameters, em.aic, em.bic,
-        loo_by_person(sample, alike(log)), marginal.estimate, marginal.error,
-        held_out_log_predictive(log, density, theta, fold, moves), posterior.gate, em.converged,
+        name, kind, posterior.n_states, value, parameters, 2.0 * parameters - 2.0 * value,
+        float(np.log(log.n_responses_recorded)) * parameters - 2.0 * value, loo_by_person(sample, alike(log)),
+        marginal.estimate, marginal.error, held_out_log_predictive(log, density, theta, fold, moves),
+        posterior.gate, converged,
     )  # fmt: skip

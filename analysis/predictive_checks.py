@@ -22,10 +22,12 @@ from analysis.credible import LEVEL, as_probability, interval
 from analysis.kappa_sensitivity import KAPPAS
 from models.errors import located
 from models.events import EventLog
+from models.groups import Groups
 from models.histories import UNSEEN
 from models.model_draws import ModelDraws
 from models.parameters import Array, DirichletPrior, Layout
 from models.posterior import Posterior
+from models.predictive import predictive_responses, tables_of
 from models.simulation import simulate_responses
 
 DRAWS = 300
@@ -169,8 +171,9 @@ class PredictiveChecks:
 
 
 def posterior_checks(
-    posterior: Posterior, log: EventLog, *, draws: int = DRAWS, seed: int = 1, level: float = LEVEL
-) -> PredictiveChecks:
+    posterior: Posterior, log: EventLog, *, draws: int = DRAWS, seed: int = 1, level: float = LEVEL,
+    groups: Groups | None = None,
+) -> PredictiveChecks:  # fmt: skip
     """Simulate the study from draws of the posterior and compare.
 
     Parameters
@@ -182,9 +185,14 @@ def posterior_checks(
         Simulated studies, each from a draw of its own.
     seed : int
     level : float
+    groups : Groups, optional
+        Group of each run of the log, where tables differ.
     """
     statistics = Statistics(log)
-    simulated = _simulated(posterior.draws().thin(draws), statistics, seed, 0)
+    tables = tables_of(posterior, draws)
+    streams = [np.random.SeedSequence(seed, spawn_key=(STREAM, 0, i)) for i in range(len(tables.initial))]
+    responses = predictive_responses(tables, log, streams, groups)
+    simulated = np.stack([statistics.of(r) for r in responses])
     return _compared(statistics, simulated, posterior.n_states, level)
 
 

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
-from models.draw_kernels import constrained, history_log_likelihoods
-from models.errors import InputError, located
+from models.draw_kernels import constrained
+from models.errors import located
 from models.events import EventLog
+from models.fit_tree import build_tree, canonical_tables
 from models.gate import convergence_gate
-from models.hmm_density import HmmDensity
-from models.lspomdp import default_state_names
+from models.groups import Groups
 from models.nuts import Chain, NutsSettings, Progress, sample
-from models.parameters import STICKY, Array, DirichletPrior, Layout, checked_pins, recorded
-from models.posterior import TABLES, Posterior
-from models.relabel import exchangeable, exchangeable_prior, relabel_draws
+from models.parameters import STICKY, Array, DirichletPrior, Layout, checked_pins
+from models.person_offset import PersonOffset
+from models.posterior import SPREAD, Posterior
+from models.predictive import FullTables
+from models.smc import prior_particles
+from models.study_density import ModelSpec, StudyDensity
 
 Engine = Literal["direct", "pymc"]
 
@@ -36,6 +40,8 @@ def fit(
     *,
     prior: DirichletPrior = STICKY,
     pins: Mapping[str, Array | None] | None = None,
+    groups: Groups | None = None,
+    people: PersonOffset | None = None,
     engine: Engine = "direct",
     sampler: NutsSettings | None = None,
     done: Mapping[int, Chain] | None = None,
@@ -52,8 +58,13 @@ def fit(
         Sticky by default (two pseudo-counts more on staying).
     pins : mapping, optional
         Transition tables held fixed (None: the identity).
+    groups : Groups, optional
+        Tables that differ between groups of people.
+    people : PersonOffset, optional
+        The hierarchical version: each person has an offset on the helping log-odds.
     engine : {"direct", "pymc"}
-        The compiled density, or the PyMC model; same posterior.
+        The compiled density, or the PyMC model; same posterior. Both sample with nutpie. Where it is not
+        installed, PyMC's own sampler is used for either, with a warning for `direct`.
     sampler : NutsSettings, optional
     done, finished
         Chains of an interrupted run, and what to do with each chain as it completes (engine `direct`).
@@ -65,152 +76,84 @@ def fit(
         On a log without responses, pins that do not fit, or pins or a prior that tell states apart (relabelling
         would then be wrong).
     """
-    recorded(log)
     sampler = sampler or NutsSettings()
-    layout = Layout(log.protocol, states)
-    held = checked_pins(layout, pins or {})
-    if not exchangeable(held):
-        raise InputError(
-            "pinned tables tell the states apart, so draws must not be relabelled: hold a table at the identity, "
-            "or sample your own model and keep its labels"
+    spec = ModelSpec(states, prior, checked_pins(Layout(log.protocol, states), pins or {}), groups, people)
+    study = StudyDensity(log, spec)
+    study.check_labels_are_free()
+    if engine == "direct" and find_spec("nutpie") is None:
+        warnings.warn(
+            "nutpie is not installed: PyMC's own sampler takes its place, which is much slower (engine pymc)",
+            stacklevel=2,
         )
-    alpha = 1.0 + prior.pseudo_counts(layout)
-    if not exchangeable_prior(*layout.unpack(alpha)):
-        raise InputError(
-            "the prior tells the states apart, so draws must not be relabelled: sample your own model and keep its "
-            "labels"
-        )
-    density = HmmDensity(log.tree(), layout, alpha, held)
+        engine = "pymc"
     started = (time.process_time(), time.perf_counter())
     if engine == "direct":
-        chains = sample(density, sampler, done=done, finished=finished, progress=progress)
-        theta = constrained(density, np.stack([c.x for c in chains.values()]))
+        chains = sample(study.density, sampler, done=done, finished=finished, progress=progress)
+        theta = constrained(study.density, np.stack([c.x for c in chains.values()]))
         stats = {k: np.stack([c.stats[k] for c in chains.values()]) for k in next(iter(chains.values())).stats}
     elif engine == "pymc":
-        theta, stats = _sample_pymc(log, states, prior, held, layout, sampler)
+        theta, stats = _sample_pymc(study, sampler)
     else:
         raise located("engine", engine, "direct or pymc")
     seconds = time.perf_counter() - started[1]
-    posterior = _labelled(theta, layout, log)
-    settings = {
-        "states": states, "prior": vars(prior), "pins": {a: t.tolist() for a, t in held.items()}, "engine": engine,
-        "sampler": vars(sampler),
-    }  # fmt: skip
-    flat_theta = np.concatenate([t.reshape(*t.shape[:2], -1) for t in posterior], axis=-1)
-    by_history = history_log_likelihoods(density.tree, layout, flat_theta)
+    posterior = canonical_tables(study, theta)
     rng = np.random.default_rng(np.random.SeedSequence(sampler.seed, spawn_key=(PRIOR_STREAM, states)))
-    prior_theta = _prior_draws(density, PRIOR_DRAWS, rng)
-    data = _tree(log, posterior, _labelled(prior_theta[None], layout, log), stats, by_history, density)
-    names, quantities = _gate_quantities(layout, posterior, by_history, density, log)
+    prior_theta = constrained(study.density, prior_particles(study.density, PRIOR_DRAWS, rng))
+    by_person = study.log_likelihoods(theta)
+    data = build_tree(
+        study, posterior, canonical_tables(study, prior_theta[None]), stats, by_person, sampler.seed
+    )  # fmt: skip
+    names, quantities = _gate_quantities(study, posterior, by_person)
     gate = convergence_gate(quantities, names, int(stats["diverging"].sum()))
+    settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
+    if people is not None:
+        settings["node_check"] = study.node_check(
+            theta[:, :: max(1, sampler.draws // 10)].reshape(-1, theta.shape[-1])
+        )
     return Posterior(
-        data, log.protocol, gate, settings, log.emission_weights, time.process_time() - started[0], seconds
-    )
-
-
-def _prior_draws(density: HmmDensity, n: int, rng: np.random.Generator) -> Array:
-    theta = np.tile(density.template, (n, 1))
-    for start, width, *_ in zip(*density.plan, strict=True):
-        row = slice(start, start + width)
-        theta[:, row] = rng.dirichlet(density.alpha[row], size=n)
-    return theta
-
-
-def _labelled(theta: Array, layout: Layout, log: EventLog) -> tuple[Array, Array, Array]:
-    s, a, e, o = layout.sizes
-    lead = theta.shape[:-1]
-    first, second = s, s + a * s * s
-    return relabel_draws(
-        theta[..., :first],
-        theta[..., first:second].reshape(*lead, a, s, s),
-        theta[..., second:].reshape(*lead, e, s, o),
-        log.protocol.scores,
-        log.emission_weights,
+        data, log.protocol, gate, settings, study.log.emission_weights, time.process_time() - started[0], seconds
     )
 
 
 def _gate_quantities(
-    layout: Layout, tables: tuple[Array, Array, Array], by_history: Array, density: HmmDensity, log: EventLog
+    study: StudyDensity, tables: FullTables, by_person: Array
 ) -> tuple[list[str], NDArray[np.float64]]:
     """Every entry after relabelling, and label-invariant quantities: log-likelihood in all and by condition."""
-    s, a, e, o = layout.sizes
-    names = [f"initial[{i}]" for i in range(s)]
-    names += [f"transition[{i},{j},{k}]" for i in range(a) for j in range(s) for k in range(s)]
-    names += [f"emission[{i},{j},{k}]" for i in range(e) for j in range(s) for k in range(o)]
-    history = np.searchsorted(density.tree.terminals, density.tree.run_node)
-    columns = [t.reshape(*t.shape[:2], -1) for t in tables]
+    log = study.log
+    lead = tables.initial.shape[:2]
+    names, columns = [], []
+    for name in ("initial", "transition", "emission"):
+        table = getattr(tables, name)
+        places = [",".join(map(str, place)) for place in np.ndindex(table.shape[2:])]
+        names += [f"{name}[{place}]" for place in places]
+        columns.append(table.reshape(*lead, -1))
+    if tables.spread is not None:
+        names.append(SPREAD)
+        columns.append(tables.spread[..., None])
+    first = np.unique(study.person, return_index=True)[1]
     for c, name in enumerate(log.conditions):
-        counts = np.bincount(history[log.condition == c], minlength=density.tree.n_histories)
-        columns.append((by_history @ counts)[..., None])
-        names.append(f"log-likelihood of condition {name}")
-    columns.append(np.sum(columns[-len(log.conditions) :], axis=0))
+        members = log.condition[first] == c
+        if members.any():
+            columns.append(by_person[..., members].sum(axis=-1)[..., None])
+            names.append(f"log-likelihood of condition {name}")
+    columns.append(by_person.sum(axis=-1)[..., None])
     names.append("log-likelihood")
     return names, np.concatenate(columns, axis=-1)
 
 
-def _tree(
-    log: EventLog, posterior: tuple[Array, ...], prior: tuple[Array, ...], stats: Mapping[str, NDArray],
-    by_history: Array, density: HmmDensity,
-) -> xr.DataTree:  # fmt: skip
-    p = log.protocol
-    n = posterior[0].shape[-1]
-    names = list(default_state_names(n))
-    coords = {
-        "state": names, "state_next": names, "action": list(p.action_names),
-        "emission_action": list(p.emission_actions), "response": list(p.response_names),
-    }  # fmt: skip
-    dims = {
-        "initial": ("state",), "transition": ("action", "state", "state_next"),
-        "emission": ("emission_action", "state", "response"),
-    }  # fmt: skip
-
-    def group(tables: tuple[Array, ...]) -> xr.Dataset:
-        return xr.Dataset(
-            {k: (("chain", "draw", *dims[k]), t) for k, t in zip(TABLES, tables, strict=True)}, coords=coords
-        )
-
-    history = np.searchsorted(density.tree.terminals, density.tree.run_node)
-    people, person = np.unique(log.participant, return_inverse=True)
-    by_run = by_history[..., history]
-    starts = np.flatnonzero(np.append(True, person[1:] != person[:-1]))
-    by_person = np.add.reduceat(by_run, starts, axis=-1)
-    return xr.DataTree.from_dict(
-        {
-            "posterior": group(posterior),
-            "prior": group(prior),
-            "sample_stats": xr.Dataset({k: (("chain", "draw"), v) for k, v in stats.items()}),
-            "log_likelihood": xr.Dataset(
-                {"participant": (("chain", "draw", "person"), by_person)}, coords={"person": people}
-            ),
-        }
-    )
-
-
-def _sample_pymc(
-    log: EventLog, states: int, prior: DirichletPrior, pins: Mapping[str, Array], layout: Layout,
-    sampler: NutsSettings,
-) -> tuple[Array, dict[str, NDArray]]:  # fmt: skip
+def _sample_pymc(study: StudyDensity, sampler: NutsSettings) -> tuple[Array, dict[str, NDArray]]:
     import pymc as pm
 
-    from models.bayesian_hmm import build_model  # loads PyMC, which the direct engine does without
+    from models.bayesian_hmm import learned_vector, model_of  # loads PyMC, which the direct engine does without
 
-    model = build_model(log, states, prior, pins)
-    with model:
+    with model_of(study):
         trace = pm.sample(
             sampler.draws, tune=sampler.tune, chains=sampler.chains, random_seed=sampler.seed, progressbar=False,
             nuts={"target_accept": sampler.target_accept}, compute_convergence_checks=False,
         )  # fmt: skip
-    group = trace["posterior"].to_dataset()
-    p = log.protocol
-    if p.n_responses == 2:
-        top = int(np.argmax(p.scores))
-        high = group[f"{p.response_names[top]}_probability"].to_numpy()
-        pair = (1 - high, high)
-        emission = np.stack(pair if top == 1 else pair[::-1], axis=-1)
-    else:
-        emission = group["emission"].to_numpy()
-    tables = (group["initial"].to_numpy(), group["transition"].to_numpy(), emission)
-    theta = np.concatenate([t.reshape(*t.shape[:2], -1) for t in tables], axis=-1)
+    theta = learned_vector(study, trace["posterior"].to_dataset())
     own = trace["sample_stats"].to_dataset()
-    names = {"diverging": "diverging", "n_steps": "n_steps", "energy": "energy", "lp": "logp"}
-    return theta, {k: own[v].to_numpy() for k, v in names.items() if v in own}
+    # nutpie and PyMC's own sampler call the log-posterior by different names.
+    names = {"diverging": ("diverging",), "n_steps": ("n_steps",), "energy": ("energy",), "lp": ("logp", "lp")}
+    found = {k: next((own[v] for v in options if v in own), None) for k, options in names.items()}
+    return theta, {k: v.to_numpy() for k, v in found.items() if v is not None}

@@ -28,11 +28,11 @@ def objective_and_step(  # type: ignore[no-untyped-def]
     gradient[:] = 0.0
     value = sweep(
         tree,
-        theta[:first],
+        theta[:first].reshape(1, states),
         theta[first:second].reshape(actions, states, states),
         theta[second:].reshape(tables, states, responses),
         emission_index,
-        gradient[:first],
+        gradient[:first].reshape(1, states),
         gradient[first:second].reshape(actions, states, states),
         gradient[second:].reshape(tables, states, responses),
         work,

@@ -92,7 +92,8 @@ def log_likelihood_and_gradient(
     Parameters
     ----------
     tree : HistoryTree
-    initial : float64[s]
+    initial : float64[s] or float64[g, s]
+        A row a group where people are grouped.
     transition : float64[a, s, s']
     emission : float64[e, s, o]
         One table for each action under which a response can show.
@@ -106,11 +107,11 @@ def log_likelihood_and_gradient(
     g_initial = np.zeros_like(initial)
     g_transition = np.zeros_like(transition)
     g_emission = np.zeros_like(emission)
-    work = np.empty((2, tree.n_nodes, len(initial)))
+    work = np.empty((2, tree.n_nodes, initial.shape[-1]))
     scale = np.empty((2, tree.n_nodes))
     value = sweep(
-        tree.arrays, initial, transition, emission, emission_index,
-        g_initial, g_transition, g_emission, work, scale,
+        tree.arrays, np.atleast_2d(initial), transition, emission, emission_index,
+        np.atleast_2d(g_initial), g_transition, g_emission, work, scale,
     )  # fmt: skip
     return Likelihood(value, g_initial, g_transition, g_emission)
 
@@ -121,7 +122,7 @@ def history_log_likelihoods(
     """Log-likelihood of each distinct history, in the order of ``tree.terminals`` (unweighted)."""
     work = np.empty((2, tree.n_nodes, len(initial)))
     scale = np.empty((2, tree.n_nodes))
-    forward(tree.arrays, initial, transition, emission, emission_index, work, scale)
+    forward(tree.arrays, np.atleast_2d(initial), transition, emission, emission_index, work, scale)
     with np.errstate(divide="ignore"):
         return np.log(work[0].sum(axis=1)[tree.terminals]) + scale[1][tree.terminals]
 
@@ -132,7 +133,7 @@ def smooth(
     """Smoothed state probabilities of every event of every distinct history; NaN where it is impossible."""
     work = np.empty((2, tree.n_nodes, len(initial)))
     scale = np.empty((2, tree.n_nodes))
-    forward(tree.arrays, initial, transition, emission, emission_index, work, scale)
+    forward(tree.arrays, np.atleast_2d(initial), transition, emission, emission_index, work, scale)
     offsets = _row_offsets(tree)
     rows = np.empty((offsets[-1], len(initial)))
     _smooth_paths(
@@ -164,13 +165,15 @@ def _row_offsets(tree: HistoryTree) -> NDArray[np.int64]:
 def forward(tree, initial, transition, emission, emission_index, work, scale):  # type: ignore[no-untyped-def]
     """Fill work[0] = w (event included), work[1] = alpha of the children, scale[0] factor, scale[1] its log sum.
 
-    A node's vectors are true values divided by exp(scale[1]).
+    A node's vectors are true values divided by exp(scale[1]). ``initial[g, s]`` has a row a group of people;
+    actions are coded by group, ``g * actions + a`` (`models.groups`), and plain models have one group.
     """
-    states = len(initial)
+    states = initial.shape[1]
+    per_group = len(emission_index) // len(initial)
     weighted, predicted = work[0], work[1]
     scale[0, 0], scale[1, 0] = 1.0, 0.0
     for s in range(states):
-        predicted[0, s] = initial[s]
+        predicted[0, s] = 0.0
         weighted[0, s] = 0.0
     for node in range(len(tree.action)):
         children = tree.n_children[node]
@@ -186,6 +189,10 @@ def forward(tree, initial, transition, emission, emission_index, work, scale):  
                     predicted[node, t] += mass * transition[a, s, t]
         first = tree.first_child[node]
         for child in range(first, first + children):
+            if node == 0:
+                group = tree.action[child] // per_group
+                for s in range(states):
+                    predicted[0, s] = initial[group, s]
             o = tree.response[child]
             total = 0.0
             if o >= 0:
@@ -214,7 +221,8 @@ def sweep(  # type: ignore[no-untyped-def]
 ):
     """Forward, then backward with gradients added into g_*; returns the weighted log-likelihood."""
     forward(tree, initial, transition, emission, emission_index, work, scale)
-    states = len(initial)
+    states = initial.shape[1]
+    per_group = len(emission_index) // len(initial)
     weighted, predicted = work[0], work[1]
     value = 0.0
     for node in range(1, len(tree.action)):
@@ -230,7 +238,7 @@ def sweep(  # type: ignore[no-untyped-def]
     message = np.empty(states)
     after = np.empty((len(tree.action), states))
     # `after[node]` is this node's backward message per unit of forward mass; children come after parents.
-    for node in range(len(tree.action) - 1, -1, -1):
+    for node in range(len(tree.action) - 1, 0, -1):
         children = tree.n_children[node]
         count = tree.ends[node]
         start = 0.0
@@ -257,10 +265,6 @@ def sweep(  # type: ignore[no-untyped-def]
                 else:
                     for s in range(states):
                         below[s] += after[child, s] * shrink
-            if node == 0:
-                for s in range(states):
-                    g_initial[s] += below[s]
-                return value
             a = tree.action[node]
             for s in range(states):
                 mass = weighted[node, s]
@@ -271,6 +275,19 @@ def sweep(  # type: ignore[no-untyped-def]
                 message[s] += back
         for s in range(states):
             after[node, s] = message[s]
+    # The first event: each child of the root starts from the initial distribution of its own group.
+    first = tree.first_child[0]
+    for child in range(first, first + tree.n_children[0]):
+        group = tree.action[child] // per_group
+        shrink = 1.0 / scale[0, child]
+        o = tree.response[child]
+        e = emission_index[tree.action[child]]
+        for s in range(states):
+            back = after[child, s] * shrink
+            if o >= 0:
+                g_emission[e, s, o] += initial[group, s] * back
+                back *= emission[e, s, o]
+            g_initial[group, s] += back
     return value
 
 

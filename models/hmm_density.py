@@ -10,6 +10,10 @@ density equals the PyMC model's to rounding:
 
 With Dirichlet parameters :math:`\alpha` prior and Jacobian together are :math:`\sum_i \alpha_i \log p_i` plus a
 constant.
+
+Two extensions enter through the same vector: tables that differ between groups of people (`models.groups`) and an
+offset of each person (`models.person_offset`), whose standard deviation sigma has a half-normal prior and the
+coordinate :math:`\log\sigma`.
 """
 
 from __future__ import annotations
@@ -27,8 +31,9 @@ from models.compiled import kernel
 from models.em_kernel import em
 from models.errors import located
 from models.forward_backward import sweep
-from models.histories import HistoryTree
+from models.histories import HistoryTree, TreeArrays
 from models.parameters import Array, Layout, checked_pins
+from models.people_kernel import NOBODY, PeopleArrays, people_sweep
 
 SIMPLEX, LOGIT = 0, 1
 
@@ -58,6 +63,33 @@ class RowPlan(NamedTuple):
     offset: NDArray[np.int64]
 
 
+class StudyArrays(NamedTuple):
+    """All that the compiled density reads.
+
+    Attributes
+    ----------
+    tree : TreeArrays
+    sizes : tuple of int
+        States, actions, emission tables, responses; actions and tables over all groups.
+    emission_index : int64[actions]
+    entry : int64[full]
+        Place in theta of every entry of the full tables.
+    plan : RowPlan
+    alpha, template : float64[theta]
+        Dirichlet parameters; theta with the pinned tables filled in. The last entry is sigma where people differ.
+    people : PeopleArrays
+    """
+
+    tree: TreeArrays
+    sizes: tuple[int, int, int, int]
+    emission_index: NDArray[np.int64]
+    entry: NDArray[np.int64]
+    plan: RowPlan
+    alpha: Array
+    template: Array
+    people: PeopleArrays
+
+
 @dataclass(frozen=True)
 class HmmDensity:
     """The posterior of one study as a function of an unconstrained vector.
@@ -66,46 +98,65 @@ class HmmDensity:
     ----------
     tree : HistoryTree
     layout : Layout
+        A `GroupedLayout` (with the tree of the same groups) lets tables differ between groups.
     alpha : float64[theta]
-        Dirichlet (Beta) parameters of every entry; those of pinned tables are not used.
+        Dirichlet (Beta) parameters of every entry, of one group; those of pinned tables are not used.
     pins : mapping
         Transition tables held fixed.
+    people : PeopleArrays
+        Distinct people and the quadrature over their offsets; `NOBODY` where people do not differ.
     """
 
     tree: HistoryTree
     layout: Layout
     alpha: Array
     pins: Mapping[str, Array | None]
+    people: PeopleArrays = NOBODY
 
     def __post_init__(self) -> None:
-        if self.alpha.shape != (self.layout.size,):
-            raise located("prior, parameters", self.alpha.shape, f"({self.layout.size},)")
+        size = self.layout.base.size
+        if self.alpha.shape != (size,):
+            raise located("prior, parameters", self.alpha.shape, f"({size},)")
         usable = np.isfinite(self.alpha) & (self.alpha > 0)
         if not np.all(usable):
             raise located("prior, parameters", float(self.alpha[~usable][0]), "finite positive numbers")
 
+    @property
+    def people_differ(self) -> bool:
+        """Whether people have offsets; sigma is then the last entry of theta, its logarithm the last coordinate."""
+        return len(self.people.z) > 0
+
     @cached_property
     def template(self) -> Array:
         """Theta with the pinned tables filled in."""
-        theta = self.layout.uniform.copy()
-        _, transition, _ = self.layout.unpack(theta)
+        theta = self.layout.base.uniform.copy()
+        _, transition, _ = self.layout.base.unpack(theta)
         for action, table in checked_pins(self.layout, self.pins).items():
             transition[self.layout.protocol.action(action)] = table
-        return theta
+        tied = self.layout.tied(theta)
+        return np.append(tied, 1.0) if self.people_differ else tied
+
+    @cached_property
+    def arrays(self) -> StudyArrays:
+        """What the kernels read."""
+        layout = self.layout
+        return StudyArrays(
+            self.tree.arrays, layout.sizes, layout.emission_index, layout.index, self.plan,
+            np.ascontiguousarray(layout.tied(self.alpha)), self.template, self.people,
+        )  # fmt: skip
 
     @cached_property
     def plan(self) -> RowPlan:
         """Sampled rows in the order initial, transition, emission."""
         free = self.layout.free_entries(checked_pins(self.layout, self.pins))
-        first_emission = 1 + self.layout.n_transition_rows
         scores = self.layout.protocol.scores
         columns: list[tuple[int, int, int, int, int]] = []
         offset = 0
-        for i, row in enumerate(self.layout.rows):
+        for kind, row in zip(self.layout.row_kinds, self.layout.rows, strict=True):
             width = row.stop - row.start
             if not free[row.start] or width == 1:
                 continue
-            logit = i >= first_emission and width == 2
+            logit = kind == "emission" and width == 2
             top = row.start + int(np.argmax(scores)) if logit else -1
             columns.append((row.start, width, LOGIT if logit else SIMPLEX, top, offset))
             offset += width - 1
@@ -114,23 +165,26 @@ class HmmDensity:
     @cached_property
     def dimension(self) -> int:
         """Number of unconstrained coordinates."""
-        return int(np.sum(self.plan.width - 1))
+        return int(np.sum(self.plan.width - 1)) + self.people_differ
 
     @cached_property
     def constant(self) -> float:
         """Normalising constants of priors and Jacobians, so the density is comparable between models."""
         total = 0.0
+        alpha = self.arrays.alpha
         for start, width, kind, _, _ in zip(*self.plan, strict=True):
-            a = self.alpha[start : start + width]
+            a = alpha[start : start + width]
             total += float(gammaln(a.sum()) - gammaln(a).sum())
             if kind == SIMPLEX:
                 total += float(np.log(width))
+        if self.people_differ:
+            total += float(0.5 * np.log(2.0 / np.pi) - np.log(self.people.prior_scale[0]))
         return total
 
     def theta(self, x: Array) -> Array:
         """Constrained parameters of an unconstrained point, in the layout's order."""
         theta = self.template.copy()
-        constrain(np.ascontiguousarray(x, dtype=np.float64), self.plan, theta)
+        constrain(np.ascontiguousarray(x, dtype=np.float64), self.arrays, theta)
         return theta
 
     def prior_point(self, seed: int | np.random.Generator | None) -> Array:
@@ -138,8 +192,10 @@ class HmmDensity:
         rng = np.random.default_rng(seed)
         theta = self.template.copy()
         for start, width, *_ in zip(*self.plan, strict=True):
-            p = rng.gamma(self.alpha[start : start + width]) + 1e-6
+            p = rng.gamma(self.arrays.alpha[start : start + width]) + 1e-6
             theta[start : start + width] = p / p.sum()
+        if self.people_differ:
+            theta[-1] = self.people.prior_scale[0] * abs(rng.standard_normal()) + 1e-3
         return self.unconstrained(theta)
 
     def starting_point(self, seed: int | np.random.Generator | None) -> Array:
@@ -149,17 +205,32 @@ class HmmDensity:
         the states have other labels under one action than under another.
         """
         rng = np.random.default_rng(seed)
-        free = self.layout.free_entries(checked_pins(self.layout, self.pins))
+        base = self.layout.base
+        free = base.free_entries(checked_pins(base, self.pins))
         pseudo = np.maximum(self.alpha - 1.0, 0.0)
+        template = base.uniform.copy()
+        _, transition, _ = base.unpack(template)
+        for action, table in checked_pins(base, self.pins).items():
+            transition[base.protocol.action(action)] = table
+        coded = self.tree.arrays.action
+        pooled = self.tree.arrays._replace(action=np.where(coded < 0, -1, coded % base.protocol.n_actions))
         found = []
         for _ in range(START_TRIES):
+            point = template.copy()
+            for row in base.rows:
+                if free[row.start]:
+                    p = rng.gamma(self.alpha[row]) + 1e-6
+                    point[row] = p / p.sum()
             theta, trace, *_ = em(
-                self.theta(self.prior_point(rng)), self.tree.arrays, self.layout.sizes, self.layout.emission_index,
-                pseudo, free, START_MAPS, 0.0, START_MAPS + 1, True, np.zeros(1, dtype=np.uint8),
+                point, pooled, base.sizes, base.emission_index, pseudo, free, START_MAPS, 0.0, START_MAPS + 1, True,
+                np.zeros(1, dtype=np.uint8),
             )  # fmt: skip
             found.append((float(trace[-1]), theta))
         best = max(found, key=lambda pair: pair[0])[1]
-        return self.unconstrained(np.where(free, 0.9 * best + 0.1 * self.layout.uniform, best))
+        theta = self.layout.tied(np.where(free, 0.9 * best + 0.1 * base.uniform, best))
+        if self.people_differ:
+            theta = np.append(theta, self.people.prior_scale[0] * (0.2 + abs(rng.standard_normal())))
+        return self.unconstrained(theta)
 
     def unconstrained(self, theta: Array) -> Array:
         """Inverse of `theta`, for starting points; every sampled entry must be positive."""
@@ -174,21 +245,25 @@ class HmmDensity:
             else:
                 logs = np.log(p)
                 x[offset : offset + width - 1] = (logs - logs.mean())[:-1]
+        if self.people_differ:
+            if not theta[-1] > 0:
+                raise located("starting point, sigma", float(theta[-1]), "a positive number")
+            x[-1] = np.log(theta[-1])
         return x
 
     def __call__(self, x: Array) -> tuple[float, Array]:
         """Log-density (priors, Jacobians and normalising constants included) and its gradient."""
         gradient = np.empty(self.dimension)
-        value = log_density(
-            np.ascontiguousarray(x, dtype=np.float64), gradient, self.tree.arrays, self.layout.sizes,
-            self.layout.emission_index, self.plan, self.alpha, self.template, 1.0,
-        )  # fmt: skip
+        value = log_density(np.ascontiguousarray(x, dtype=np.float64), gradient, self.arrays, 1.0)
         return value + self.constant, gradient
 
 
 @kernel
-def constrain(x, plan, theta):  # type: ignore[no-untyped-def]
-    """Write the sampled rows of theta."""
+def constrain(x, study, theta):  # type: ignore[no-untyped-def]
+    """Write the sampled rows of theta, and sigma where people differ."""
+    plan = study.plan
+    if len(study.people.z) > 0:
+        theta[-1] = np.exp(x[-1])
     for row in range(len(plan.start)):
         start, width, offset = plan.start[row], plan.width[row], plan.offset[row]
         if plan.kind[row] == LOGIT:
@@ -216,31 +291,57 @@ def constrain(x, plan, theta):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def log_density(  # type: ignore[no-untyped-def]
-    x, gradient, tree, sizes, emission_index, plan, alpha, template, temperature
-):
+def tables(full, sizes):  # type: ignore[no-untyped-def]
+    """Views of the full vector: ``initial[g, s]``, ``transition[a, s, s']``, ``emission[e, s, o]``."""
+    states, actions, emissions, responses = sizes
+    first = len(full) - actions * states * states - emissions * states * responses
+    second = len(full) - emissions * states * responses
+    return (
+        full[:first].reshape(first // states, states),
+        full[first:second].reshape(actions, states, states),
+        full[second:].reshape(emissions, states, responses),
+    )
+
+
+@kernel
+def log_likelihood(study, theta, slope):  # type: ignore[no-untyped-def]
+    """Log-likelihood at theta; its gradient is added into `slope`."""
+    full = theta[study.entry]
+    gradient = np.zeros(len(full))
+    initial, transition, emission = tables(full, study.sizes)
+    g_initial, g_transition, g_emission = tables(gradient, study.sizes)
+    states = study.sizes[0]
+    if len(study.people.z) > 0:
+        value, g_spread = people_sweep(
+            study.tree, study.people, initial, transition, emission, study.emission_index, theta[-1],
+            g_initial, g_transition, g_emission,
+        )  # fmt: skip
+        slope[-1] += g_spread
+    else:
+        value = sweep(
+            study.tree, initial, transition, emission, study.emission_index, g_initial, g_transition, g_emission,
+            np.empty((2, len(study.tree.action), states)), np.empty((2, len(study.tree.action))),
+        )  # fmt: skip
+    for i in range(len(full)):
+        slope[study.entry[i]] += gradient[i]
+    return value
+
+
+@kernel
+def log_density(x, gradient, study, temperature):  # type: ignore[no-untyped-def]
     """Log-density up to `HmmDensity.constant`; fills the gradient. The likelihood is raised to `temperature`."""
-    states, actions, tables, responses = sizes
-    first, second = states, states + actions * states * states
-    theta = template.copy()
-    constrain(x, plan, theta)
+    plan, alpha = study.plan, study.alpha
+    theta = study.template.copy()
+    constrain(x, study, theta)
     slope = np.zeros(len(theta))
     value = 0.0
     if temperature > 0.0:
-        work = np.empty((2, len(tree.action), states))
-        scale = np.empty((2, len(tree.action)))
-        value = temperature * sweep(
-            tree,
-            theta[:first],
-            theta[first:second].reshape(actions, states, states),
-            theta[second:].reshape(tables, states, responses),
-            emission_index,
-            slope[:first],
-            slope[first:second].reshape(actions, states, states),
-            slope[second:].reshape(tables, states, responses),
-            work,
-            scale,
-        )
+        value = temperature * log_likelihood(study, theta, slope)
+    if len(study.people.z) > 0:
+        # Half-normal prior of sigma; the coordinate is its logarithm.
+        ratio = theta[-1] / study.people.prior_scale[0]
+        value += x[-1] - 0.5 * ratio * ratio
+        gradient[-1] = theta[-1] * slope[-1] * temperature + 1.0 - ratio * ratio
     for row in range(len(plan.start)):
         start, width, offset = plan.start[row], plan.width[row], plan.offset[row]
         mean, total = 0.0, 0.0

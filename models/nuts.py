@@ -26,10 +26,13 @@ from numpy.typing import NDArray
 from models.compiled import kernel_callback
 from models.errors import located
 from models.histories import TreeArrays
-from models.hmm_density import HmmDensity, RowPlan, log_density
+from models.hmm_density import HmmDensity, RowPlan, StudyArrays, log_density
+from models.people_kernel import PeopleArrays
 
-HEADER = 7  # dimension, states, actions, tables, responses, nodes, rows
-ARRAYS = 13
+HEADER = 14
+"""Dimension; states, actions, emission tables, responses; then lengths: nodes, rows, full vector, learned entries,
+theta, distinct people + 1, their runs, people, quadrature nodes."""
+ARRAYS = 21
 """Entries of the address table: sizes first, then one address an array."""
 
 Progress = Callable[[str, int, int], None]
@@ -110,23 +113,27 @@ def _logp(dimension, x_, gradient_, value_, user_data):  # type: ignore[no-untyp
     table = numba.carray(user_data, (HEADER + ARRAYS,), np.int64)
     n = table[0]
     sizes = (table[1], table[2], table[3], table[4])
-    nodes, rows = table[5], table[6]
-    size = sizes[0] + sizes[1] * sizes[0] ** 2 + sizes[2] * sizes[0] * sizes[3]
+    nodes, rows, full, learned, theta = table[5], table[6], table[7], table[8], table[9]
+    edges, runs, persons, points = table[10], table[11], table[12], table[13]
+    at = table[HEADER:]
     tree = TreeArrays(
-        _ints(table[7], nodes), _ints(table[8], nodes), _ints(table[9], nodes), _ints(table[10], nodes),
-        _floats(table[11], nodes),
-    )  # fmt: skip
+        _ints(at[0], nodes), _ints(at[1], nodes), _ints(at[2], nodes), _ints(at[3], nodes), _floats(at[4], nodes)
+    )
     plan = RowPlan(
-        _ints(table[13], rows), _ints(table[14], rows), _ints(table[15], rows), _ints(table[16], rows),
-        _ints(table[17], rows),
+        _ints(at[7], rows), _ints(at[8], rows), _ints(at[9], rows), _ints(at[10], rows), _ints(at[11], rows)
+    )
+    people = PeopleArrays(
+        _ints(at[14], edges), _ints(at[15], runs), _floats(at[16], persons), _floats(at[17], points),
+        _floats(at[18], points), _floats(at[19], sizes[3] if points > 0 else 0), _floats(at[20], 1),
+    )  # fmt: skip
+    study = StudyArrays(
+        tree, sizes, _ints(at[5], sizes[1]), _ints(at[6], full), plan, _floats(at[12], learned),
+        _floats(at[13], theta), people,
     )  # fmt: skip
     x = numba.carray(x_, (n,))
     gradient = numba.carray(gradient_, (n,))
     value = numba.carray(value_, (1,))
-    value[0] = log_density(
-        x, gradient, tree, sizes, _ints(table[12], sizes[1]), plan, _floats(table[18], size),
-        _floats(table[19], size), 1.0,
-    )  # fmt: skip
+    value[0] = log_density(x, gradient, study, 1.0)
     if not np.isfinite(value[0]):
         return 4
     for i in range(n):
@@ -146,12 +153,23 @@ def _expand(dimension, expanded, x_, out_, user_data):  # type: ignore[no-untype
 
 def address_table(density: HmmDensity) -> tuple[NDArray[np.int64], tuple[NDArray, ...]]:
     """Sizes and addresses for the callbacks, and the arrays that must outlive them."""
+    study = density.arrays
     arrays = (
-        *density.tree.arrays[:4], density.tree.arrays.ends, density.layout.emission_index, *density.plan,
-        np.ascontiguousarray(density.alpha), density.template,
+        *study.tree,
+        study.emission_index,
+        study.entry,
+        *study.plan,
+        study.alpha,
+        study.template,
+        *study.people,
+    )
+    people = study.people
+    header = (
+        density.dimension, *study.sizes, density.tree.n_nodes, len(study.plan.start), len(study.entry),
+        len(study.alpha), len(study.template), len(people.offset), len(people.node), len(people.weight),
+        len(people.z),
     )  # fmt: skip
-    sizes = (density.dimension, *density.layout.sizes, density.tree.n_nodes, len(density.plan.start))
-    table = np.array([*sizes, *(array.ctypes.data for array in arrays)], dtype=np.int64)
+    table = np.array([*header, *(array.ctypes.data for array in arrays)], dtype=np.int64)
     return table, arrays
 
 

@@ -36,6 +36,31 @@ class Layout:
         return self.n_states, p.n_actions, len(p.emission_actions), p.n_responses
 
     @property
+    def base(self) -> Layout:
+        """Layout of one group of people: this one (`models.groups` has those of several)."""
+        return self
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups of people."""
+        return 1
+
+    @cached_property
+    def row_kinds(self) -> list[str]:
+        """Table of every row."""
+        s, _, e, _ = self.sizes
+        return ["initial"] + ["transition"] * self.n_transition_rows + ["emission"] * (e * s)
+
+    @cached_property
+    def index(self) -> NDArray[np.int64]:
+        """Place in the vector of every entry of the tables that kernels read."""
+        return np.arange(self.size)
+
+    def tied(self, one: NDArray) -> NDArray:
+        """A vector in the layout of one group as one of this layout."""
+        return one
+
+    @property
     def n_transition_rows(self) -> int:
         """Number of rows of all transition tables."""
         return self.protocol.n_actions * self.n_states
@@ -63,13 +88,14 @@ class Layout:
         return np.concatenate([initial.ravel(), transition.ravel(), emission.ravel()])
 
     def unpack(self, theta: Array) -> tuple[Array, Array, Array]:
-        """Vector to (views of) tables."""
+        """Vector to (views of) tables; leading axes, of draws, are kept."""
         s, a, e, o = self.sizes
+        lead = theta.shape[:-1]
         first, second = s, s + a * s * s
         return (
-            theta[:first],
-            theta[first:second].reshape(a, s, s),
-            theta[second:].reshape(e, s, o),
+            theta[..., :first],
+            theta[..., first:second].reshape(*lead, a, s, s),
+            theta[..., second:].reshape(*lead, e, s, o),
         )
 
     def free_entries(self, pins: Mapping[str, Array]) -> NDArray[np.bool_]:

@@ -15,18 +15,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from models.draw_kernels import constrained, history_log_likelihoods
+from models.draw_kernels import constrained, person_log_likelihoods
 from models.errors import located
 from models.events import EventLog
 from models.hmm_density import LOGIT, HmmDensity
 from models.parameters import Array
+from models.people_kernel import PeopleArrays
+from models.person_offset import each_person, person_of_run, reweighted
 from models.smc import SmcSettings, moved, next_temperature, spread, systematic
 
 FOLD_STREAM, MOVE_STREAM = 7_105, 7_106
@@ -34,11 +35,6 @@ FOLD_STREAM, MOVE_STREAM = 7_105, 7_106
 
 MOVES = SmcSettings(particles=500, moves=5)
 """Particles a fold and proposals a particle makes at every step."""
-
-
-def person_of_run(log: EventLog) -> NDArray[np.int64]:
-    """Position of each run's participant among the sorted participants."""
-    return np.unique(log.participant, return_inverse=True)[1].astype(np.int64)
 
 
 def assign_folds(log: EventLog, folds: int, seed: int) -> NDArray[np.int64]:
@@ -77,7 +73,8 @@ def held_out_log_predictive(
     density : HmmDensity
         Of the whole log.
     theta : float64[draw, p]
-        Draws of the posterior of the whole log, in the layout's order; their labels do not matter.
+        Draws of the posterior of the whole log, in the layout's order, sigma last where people differ; their
+        labels do not matter.
     fold : int64[person]
         As from `assign_folds`.
     settings : SmcSettings
@@ -89,24 +86,20 @@ def held_out_log_predictive(
     -------
     float64[person]
     """
-    density.plan, density.template, density.dimension  # noqa: B018  (cached before threads share them)
+    density.arrays, density.dimension  # noqa: B018  (cached before threads share them)
     out = np.empty(len(fold))
     kept = theta[np.linspace(0, len(theta) - 1, settings.particles).round().astype(np.int64)]
     start = unconstrained_draws(density, kept)
-    run_person = person_of_run(log)
-    history = np.searchsorted(density.tree.terminals, density.tree.run_node)
+    person = person_of_run(log)
+    each = each_person(density.people, density.tree, person) if density.people_differ else None
     folds = np.unique(fold)
     stop = Event()
 
     def one(number: int) -> None:
         members = np.flatnonzero(fold == number)
-        inside = fold[run_person] == number
         rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(MOVE_STREAM, number)))
-        x = _without(density, start, inside, history, settings, rng, stop)
-        by_history = history_log_likelihoods(density.tree, density.layout, constrained(density, x))
-        by_run = by_history[:, history[inside]]
-        starts = np.searchsorted(run_person[inside], members)
-        by_person = np.add.reduceat(by_run, starts, axis=1)
+        x = _without(density, start, fold == number, person, each, settings, rng, stop)
+        by_person = person_log_likelihoods(density, constrained(density, x), person, each)[:, members]
         out[members] = logsumexp(by_person, axis=0) - np.log(len(x))
 
     pool = ThreadPoolExecutor(max_workers=min(len(folds), os.cpu_count() or 1))
@@ -132,25 +125,26 @@ def unconstrained_draws(density: HmmDensity, theta: Array) -> Array:
             x[:, offset] = row[:, top - start] - row[:, 1 - (top - start)]
         else:
             x[:, offset : offset + width - 1] = (row - row.mean(axis=1, keepdims=True))[:, :-1]
+    if density.people_differ:
+        x[:, -1] = logs[:, -1]
     return x
 
 
 def _without(
-    density: HmmDensity, start: Array, inside: NDArray[np.bool_], history: NDArray[np.int64], settings: SmcSettings,
-    rng: np.random.Generator, stop: Event,
+    density: HmmDensity, start: Array, inside: NDArray[np.bool_], person: NDArray[np.int64],
+    each: PeopleArrays | None, settings: SmcSettings, rng: np.random.Generator, stop: Event,
 ) -> Array:  # fmt: skip
-    """Particles of the full posterior carried to the posterior without the runs `inside`."""
-    tree, n = density.tree, len(start)
-    counts = np.bincount(history[inside], minlength=tree.n_histories).astype(np.float64)
+    """Particles of the full posterior carried to the posterior without the people `inside`."""
+    n = len(start)
     x, out_share, step = start.copy(), 0.0, 0.5
     while out_share < 1.0:
-        fold_value = history_log_likelihoods(tree, density.layout, constrained(density, x)) @ counts
+        fold_value = person_log_likelihoods(density, constrained(density, x), person, each) @ inside
         following = next_temperature(-fold_value, out_share, settings.ess)
         weight = -(following - out_share) * fold_value
         share = np.exp(weight - logsumexp(weight))
         scale = spread(x, share)
         x = np.ascontiguousarray(x[systematic(share, rng.random())])
         out_share = following
-        left = replace(density, tree=tree.with_runs(np.where(inside, 1.0 - out_share, 1.0)))
+        left = reweighted(density, person, np.where(inside, 1.0 - out_share, 1.0))
         step, _ = moved(left, x, np.zeros(n), 1.0, scale, step, settings, rng, stop)
     return x

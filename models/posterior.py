@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,12 +11,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from models.errors import InputError, located
+from models.event_rules import one_of
 from models.gate import Gate
 from models.model_draws import ModelDraws
 from models.parameters import Array
 from models.protocol import Protocol
 
 TABLES = ("initial", "transition", "emission")
+
+SPREAD = "person_sd"
+"""Name of sigma, the standard deviation of the people's offsets, where people differ."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +31,10 @@ class Posterior:
     Attributes
     ----------
     data : xarray.DataTree
-        Groups `posterior` (``initial``, ``transition``, ``emission``, dims chain, draw and names), `prior`
-        (relabelled the same way), `sample_stats`, `log_likelihood` (by participant).
+        Groups `posterior` (``initial``, ``transition``, ``emission``, dims chain, draw and names, with ``group``
+        where a table differs between groups of people; ``person_sd`` where people differ), `prior` (relabelled the
+        same way), `sample_stats`, `log_likelihood` (by participant), `prior_predictive`, `posterior_predictive`
+        (responses of simulated studies), `observed_data`.
     protocol : Protocol
     gate : Gate
     settings : mapping
@@ -56,9 +63,64 @@ class Posterior:
         values = self._values(name, group)
         return values.reshape(-1, *values.shape[2:])
 
-    def draws(self) -> ModelDraws:
-        """All draws with equal weights, for everything that plans or compares."""
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Labels of the groups whose tables differ; empty if none do."""
+        data = self.data["posterior"].to_dataset()
+        return tuple(map(str, data["group"].to_numpy())) if "group" in data.dims else ()
+
+    @property
+    def people_differ(self) -> bool:
+        """Whether this is the hierarchical version."""
+        return SPREAD in self.data["posterior"].to_dataset()
+
+    def of_group(self, label: str) -> Posterior:
+        """The posterior of one group's tables, everything else as it is.
+
+        Raises
+        ------
+        InputError
+            If there is no such group.
+        """
+        if label not in self.groups:
+            raise located("group", label, one_of(self.groups) if self.groups else "none: no table differs by group")
+        groups = {
+            name: node.to_dataset().sel(group=label, drop=True)
+            if name in ("posterior", "prior")
+            else node.to_dataset()
+            for name, node in self.data.children.items()
+        }
+        data = xr.DataTree.from_dict(groups)
+        return replace(self, data=data, settings={**self.settings, "of_group": label})
+
+    def draws(self, person: float | None = None) -> ModelDraws:
+        """All draws with equal weights, for everything that plans or compares.
+
+        Parameters
+        ----------
+        person : float, optional
+            Where people differ: the person, in standard deviations of the offsets (0 is the median person).
+
+        Raises
+        ------
+        InputError
+            If tables differ between groups (`of_group` picks one), or people differ and no person is named
+            (`models.population` has models of all people together).
+        """
+        if self.groups:
+            raise InputError(f"tables differ between groups: pick one with of_group, {one_of(self.groups)}")
         initial, transition, emission = (self.table(name) for name in TABLES)
+        if self.people_differ:
+            if person is None:
+                raise InputError(
+                    "people differ in this posterior: name a person, draws(person=0) for the median one, or take "
+                    "all of them together (models.population)"
+                )
+            offset = person * self.table(SPREAD)
+            emission = emission * np.exp(offset[:, None, None, None] * np.asarray(self.protocol.scores))
+            emission /= emission.sum(axis=-1, keepdims=True)
+        elif person is not None:
+            raise InputError("people do not differ in this posterior: draws() takes no person")
         n = len(initial)
         return ModelDraws(self.protocol, initial, transition, emission, np.full(n, 1.0 / n), dict(self.settings))
 
@@ -67,22 +129,39 @@ class Posterior:
 
     @cached_property
     def entry_names(self) -> list[str]:
-        """Names such as ``transition[help,s0,s1]`` in the order of `flat`."""
+        """Names such as ``transition[help,s0,s1]``, ``initial[s0 | older]`` in a group, in the order of `flat`."""
         n, p = self.n_states, self.protocol
-        names = [f"initial[s{s}]" for s in range(n)]
-        names += [f"transition[{a},s{s},s{t}]" for a in p.action_names for s in range(n) for t in range(n)]
+        own = {
+            "initial": ("initial", [f"s{s}" for s in range(n)]),
+            "transition": (
+                "transition", [f"{a},s{s},s{t}" for a in p.action_names for s in range(n) for t in range(n)]
+            ),
+            "emission": (
+                "emission",
+                [f"{a},s{s},{o}" for a in p.emission_actions for s in range(n) for o in p.response_names],
+            ),
+        }  # fmt: skip
         if p.n_responses == 2:
             top = p.response_names[int(np.argmax(p.scores))]
-            return names + [f"{top}_probability[{a},s{s}]" for a in p.emission_actions for s in range(n)]
-        return names + [
-            f"emission[{a},s{s},{o}]" for a in p.emission_actions for s in range(n) for o in p.response_names
-        ]
+            own["emission"] = (f"{top}_probability", [f"{a},s{s}" for a in p.emission_actions for s in range(n)])
+        names = []
+        for table in TABLES:
+            name, places = own[table]
+            of = [f" | {g}" for g in self.groups] if self.differs(table) else [""]
+            names += [f"{name}[{place}{g}]" for g in of for place in places]
+        return [*names, SPREAD] if self.people_differ else names
+
+    def differs(self, table: str) -> bool:
+        """Whether a table differs between groups."""
+        return "group" in self.data["posterior"].to_dataset()[table].dims
 
     def flat(self, group: str = "posterior") -> Array:
         """Draws of every named entry, ``[chain, draw, entry]``."""
         parts = [self._values(name, group) for name in TABLES]
         if self.protocol.n_responses == 2:
             parts[2] = parts[2][..., int(np.argmax(self.protocol.scores))]
+        if self.people_differ:
+            parts.append(self._values(SPREAD, group))
         return np.concatenate([p.reshape(*p.shape[:2], -1) for p in parts], axis=-1)
 
     def summary(self) -> pd.DataFrame:

@@ -52,17 +52,18 @@ def _draw(  # type: ignore[no-untyped-def]
     for run in range(len(offsets) - 1):
         row = initial
         for event in range(offsets[run], offsets[run + 1]):
-            s = _pick(row, uniform[event, 0])
+            s = pick(row, uniform[event, 0])
             state[event] = s
             if recorded[event] == UNSEEN:
                 response[event] = UNSEEN
             else:
-                response[event] = _pick(emission[emission_index[action[event]], s], uniform[event, 1])
+                response[event] = pick(emission[emission_index[action[event]], s], uniform[event, 1])
             row = transition[action[event], s]
 
 
 @kernel
-def _pick(probability, uniform):  # type: ignore[no-untyped-def]
+def pick(probability, uniform):  # type: ignore[no-untyped-def]
+    """Index drawn with the given probabilities by one uniform number."""
     total = 0.0
     last = 0
     for i in range(len(probability)):

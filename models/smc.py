@@ -20,7 +20,6 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +118,7 @@ def log_marginal_likelihood(
         Called with (done, total) runs.
     """
     settings = settings or SmcSettings()
-    density.plan, density.template, density.dimension  # noqa: B018  (cached before threads share them)
+    density.arrays, density.dimension  # noqa: B018  (cached before threads share them)
     streams = [np.random.SeedSequence(settings.seed, spawn_key=(STREAM, r)) for r in range(settings.runs)]
     found = []
     stop = Event()
@@ -144,11 +143,13 @@ def prior_particles(density: HmmDensity, n: int, rng: np.random.Generator) -> Ar
     """Exact draws from the prior, unconstrained; ``[n, coordinate]``."""
     x = np.empty((n, density.dimension))
     for start, width, kind, top, offset in zip(*density.plan, strict=True):
-        logs = np.log(rng.gamma(density.alpha[start : start + width], size=(n, width)))
+        logs = np.log(rng.gamma(density.arrays.alpha[start : start + width], size=(n, width)))
         if kind == LOGIT:
             x[:, offset] = logs[:, top - start] - logs[:, 1 - (top - start)]
         else:
             x[:, offset : offset + width - 1] = (logs - logs.mean(axis=1, keepdims=True))[:, :-1]
+    if density.people_differ:
+        x[:, -1] = np.log(density.people.prior_scale[0] * np.abs(rng.standard_normal(n)))
     return x
 
 
@@ -159,7 +160,7 @@ def _run(
     n = settings.particles
     x = prior_particles(density, n, rng)
     log_likelihood = np.empty(n)
-    _likelihoods(x, *_study(density), log_likelihood)
+    _likelihoods(x, density.arrays, log_likelihood)
     total, temperature, step, worst = 0.0, 0.0, 0.5, 1.0
     temperatures = [0.0]
     while temperature < 1.0:
@@ -217,19 +218,11 @@ def moved(
         lengths = rng.integers(max(1, steps // 2), steps + 1, n)
         momentum = rng.standard_normal((n, dimension))
         accepted = _move(
-            x, log_likelihood, *_study(density), temperature, step * scale, momentum, np.log(rng.random(n)), lengths
+            x, log_likelihood, density.arrays, temperature, step * scale, momentum, np.log(rng.random(n)), lengths
         )
         worst = min(worst, accepted / n)
         step = float(np.clip(step * np.exp(accepted / n - TARGET_ACCEPTANCE), 1e-3, 2.0))
     return step, worst
-
-
-def _study(density: HmmDensity) -> tuple[Any, ...]:
-    """What the kernels take from a density."""
-    return (
-        density.tree.arrays, density.layout.sizes, density.layout.emission_index, density.plan, density.alpha,
-        density.template,
-    )  # fmt: skip
 
 
 def next_temperature(log_likelihood: Array, temperature: float, ess: float) -> float:
@@ -264,18 +257,17 @@ def systematic(share: Array, uniform: float) -> NDArray[np.int64]:
 
 
 @kernel
-def _likelihoods(x, tree, sizes, emission_index, plan, alpha, template, out):  # type: ignore[no-untyped-def]
+def _likelihoods(x, study, out):  # type: ignore[no-untyped-def]
     gradient = np.empty(x.shape[1])
     for i in range(len(x)):
-        both = log_density(x[i], gradient, tree, sizes, emission_index, plan, alpha, template, 1.0)
-        out[i] = both - log_density(x[i], gradient, tree, sizes, emission_index, plan, alpha, template, 0.0)
+        both = log_density(x[i], gradient, study, 1.0)
+        out[i] = both - log_density(x[i], gradient, study, 0.0)
 
 
 @kernel
 def _move(  # type: ignore[no-untyped-def]
-    x, log_likelihood, tree, sizes, emission_index, plan, alpha, template, temperature, step, momentum,
-    log_uniform, lengths,
-):  # fmt: skip
+    x, log_likelihood, study, temperature, step, momentum, log_uniform, lengths
+):
     """One Hamiltonian proposal a particle, in place; `step` holds a step a coordinate. Returns how many moved."""
     accepted = 0
     dimension = x.shape[1]
@@ -284,14 +276,14 @@ def _move(  # type: ignore[no-untyped-def]
     for i in range(len(x)):
         place[:] = x[i]
         p = momentum[i]
-        start = log_density(place, gradient, tree, sizes, emission_index, plan, alpha, template, temperature)
+        start = log_density(place, gradient, study, temperature)
         before = start - 0.5 * np.sum(p * p)
         value = start
         for _ in range(lengths[i]):
             for d in range(dimension):
                 p[d] += 0.5 * step[d] * gradient[d]
                 place[d] += step[d] * p[d]
-            value = log_density(place, gradient, tree, sizes, emission_index, plan, alpha, template, temperature)
+            value = log_density(place, gradient, study, temperature)
             if not np.isfinite(value):
                 break
             for d in range(dimension):
@@ -299,7 +291,7 @@ def _move(  # type: ignore[no-untyped-def]
         after = value - 0.5 * np.sum(p * p)
         if np.isfinite(after) and log_uniform[i] < after - before:
             x[i] = place
-            prior = log_density(place, gradient, tree, sizes, emission_index, plan, alpha, template, 0.0)
+            prior = log_density(place, gradient, study, 0.0)
             log_likelihood[i] = (value - prior) / temperature
             accepted += 1
     return accepted

@@ -280,3 +280,15 @@ def test_both_engines_sample_the_same_posterior(case, log, three):
     assert np.std(z) > 0.3  # errors far too large would pass as well
     likelihood = [p.data["log_likelihood"]["participant"].to_numpy().sum(-1)[..., None] for p in (direct, pymc)]
     assert np.abs(monte_carlo_z(*likelihood)).max() < 3.5
+
+
+@pytest.mark.slow
+def test_without_nutpie_pymc_samples_and_says_so(log, monkeypatch):
+    import pymc.sampling.mcmc as mcmc
+
+    monkeypatch.setattr("models.bayesian_fit.find_spec", lambda name: None)
+    monkeypatch.setattr(mcmc, "NUTPIE_INSTALLED", False)
+    with pytest.warns(UserWarning, match="PyMC's own sampler takes its place"):
+        posterior = fit(log, 1, sampler=NutsSettings(draws=50, tune=60, chains=1))
+    assert posterior.settings["engine"] == "pymc"
+    assert {"diverging", "energy"} <= set(posterior.data["sample_stats"].data_vars)

@@ -1,5 +1,7 @@
 """The PyMC model is the compiled density, term by term; the Op is the kernel, in every mode of PyTensor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pymc as pm
 import pytensor
@@ -12,10 +14,13 @@ from analysis.simulate import simulate_study1
 from models.bayesian_hmm import build_model
 from models.errors import InputError
 from models.forward_backward import log_likelihood_and_gradient
+from models.groups import Groups
 from models.hmm_density import HmmDensity
 from models.likelihood_op import HistoryLogLikelihood, log_likelihood
 from models.parameters import STICKY, DirichletPrior, Layout, checked_pins
+from models.person_offset import PersonOffset
 from models.protocol import PUBLISHED
+from models.study_density import ModelSpec, StudyDensity
 from tests.models.test_protocol import THREE
 from tests.models.test_simulation import design_of
 from tests.random_cases import random_run, random_tables
@@ -57,15 +62,36 @@ CASES = {
 }
 
 
+STRUCTURED = {
+    "people differ": (PUBLISHED, (), PersonOffset(0.7, 9), {}),
+    "people differ, three responses": (THREE, (), PersonOffset(2.0, 7), {"show": None}),
+    "starts differ": (PUBLISHED, ("initial",), None, {}),
+    "moves differ, one table held": (PUBLISHED, ("transition",), None, {"no_signal": None}),
+    "moves and starts differ, all tables held": (
+        PUBLISHED, ("transition", "initial"), None, dict.fromkeys(PUBLISHED.action_names)
+    ),
+    "responses differ, and people": (PUBLISHED, ("emission", "initial"), PersonOffset(1.0, 7), {}),
+    "three responses differ": (THREE, ("emission",), None, {}),
+}  # fmt: skip
+
+
 PYTHON = pytensor.compile.mode.Mode(linker="py", optimizer="fast_compile")
 """Evaluates the graph without compiling it, the Op by its `perform`."""
 
 
 def compare(case, mode):
-    protocol, states, prior, pins = CASES[case]
-    log = random_log(protocol)
-    density = density_of(log, states, prior, pins)
-    model = build_model(log, states, prior, pins)
+    if case in CASES:
+        protocol, states, prior, pins = CASES[case]
+        log = random_log(protocol)
+        density = density_of(log, states, prior, pins)
+        model = build_model(log, states, prior, pins)
+    else:
+        protocol, differ, people, pins = STRUCTURED[case]
+        log = random_log(protocol)
+        log = replace(log, participant=np.arange(log.n_runs) // 2)  # two runs a person
+        groups = Groups("age", ("old", "young"), np.arange(log.n_runs) % 2, differ) if differ else None
+        density = StudyDensity(log, ModelSpec(2, PRIOR, pins, groups, people)).density
+        model = build_model(log, 2, PRIOR, pins, groups, people)
     logp, dlogp = model.compile_logp(mode=mode), model.compile_dlogp(mode=mode)
     rng = np.random.default_rng(1)
     for scale in (0.5, 2.0, 6.0):
@@ -76,13 +102,13 @@ def compare(case, mode):
         np.testing.assert_allclose(dlogp(point), gradient, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, *STRUCTURED])
 def test_density_and_gradient_equal_the_direct_engines(case):
     compare(case, PYTHON)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, *STRUCTURED])
 def test_compiled_density_and_gradient_equal_the_direct_engines(case):
     """PyTensor's default, numba: half a minute of compiling a model."""
     compare(case, "NUMBA")
@@ -206,12 +232,12 @@ def test_one_compiled_function_serves_every_study():
     layout = Layout(PUBLISHED, 2)
     tables = random_tables(np.random.default_rng(5), PUBLISHED, 2)
     arrays = [pt.vector(dtype="int64") for _ in range(5)] + [pt.vector(dtype="float64")]
-    symbols = [pt.vector(), pt.tensor3(), pt.tensor3()]
+    symbols = [pt.matrix(), pt.tensor3(), pt.tensor3()]
     outputs = HistoryLogLikelihood().make_node(*symbols, *arrays).outputs
     function = pytensor.function([*symbols, *arrays], outputs[0], mode="NUMBA")
     for log in logs:
         wanted = log_likelihood_and_gradient(log.tree(), *tables, layout.emission_index)[0]
-        assert float(function(*tables, layout.emission_index, *log.tree().arrays)) == wanted
+        assert float(function(tables[0][None], *tables[1:], layout.emission_index, *log.tree().arrays)) == wanted
 
 
 def test_impossible_responses_are_minus_infinity_not_an_error():

@@ -17,7 +17,8 @@ from models.errors import InputError
 from models.hmm_density import HmmDensity
 from models.nuts import NutsSettings, sample
 from models.parameters import STICKY, DirichletPrior, Layout, checked_pins
-from models.people_folds import assign_folds, held_out_log_predictive, person_of_run, unconstrained_draws
+from models.people_folds import assign_folds, held_out_log_predictive, unconstrained_draws
+from models.person_offset import person_of_run
 from models.protocol import PUBLISHED
 from models.rivals import constant, static_pins
 from models.smc import SmcSettings, log_marginal_likelihood, next_temperature, prior_particles, systematic

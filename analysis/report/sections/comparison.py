@@ -12,6 +12,7 @@ from analysis.fits import stored_fit
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Points, Table, Text
 from models.parameters import Array
+from models.person_offset import PersonOffset
 from models.posterior import Posterior
 
 FOLDS = 10
@@ -41,8 +42,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     settings = CompareSettings.of(folds=FOLDS, seed=context.seed)
     digest = log_digest(context.log)
 
-    def learn(k: int, held: Mapping[str, Array | None]) -> Posterior:
-        return stored_fit(context.log, digest, k, pins=held, sampler=settings.sampler).posterior
+    def learn(k: int, held: Mapping[str, Array | None], people: PersonOffset | None) -> Posterior:
+        return stored_fit(context.log, digest, k, pins=held, people=people, sampler=settings.sampler).posterior
 
     result = compare(
         context.log, context.study.states, pins=dict.fromkeys(context.pins), settings=settings, learn=learn,

@@ -1,0 +1,133 @@
+"""A posterior sample as a DataTree: named draws, prior draws, predictive responses, log-likelihood of people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from models.histories import UNSEEN
+from models.labels import canonical_order
+from models.lspomdp import default_state_names
+from models.parameters import Array
+from models.posterior import SPREAD
+from models.predictive import FullTables, predictive_responses
+from models.study_density import StudyDensity
+
+PREDICTIVE_DRAWS = 200
+"""Simulated studies kept with a fit, before and after the data."""
+
+PREDICTIVE_STREAM = 7_107
+"""First element of the spawn keys of simulated studies; the second is 0 before the data and 1 after."""
+
+
+def canonical_tables(study: StudyDensity, theta: Array) -> FullTables:
+    """Learned vectors ``[..., p]`` to tables of every group, each draw in canonical order.
+
+    States are put in order by one permutation for all groups: their mean score, groups weighted by responses.
+    """
+    layout, scores = study.layout, study.log.protocol.scores
+    spread = theta[..., -1] if study.density.people_differ else None
+    initial, transition, emission = layout.unpack(theta[..., : layout.size])
+    if layout.n_groups == 1:
+        initial = initial.reshape(*theta.shape[:-1], 1, layout.n_states)
+    order = canonical_order(emission, scores, study.emission_weights)
+    rows = order[..., None, :, None]
+    transition = np.take_along_axis(transition, rows, axis=-2)
+    return FullTables(
+        np.take_along_axis(initial, order[..., None, :], axis=-1),
+        np.take_along_axis(transition, order[..., None, None, :], axis=-1),
+        np.take_along_axis(emission, rows, axis=-2),
+        spread,
+    )
+
+
+def build_tree(
+    study: StudyDensity, posterior: FullTables, prior: FullTables, stats: Mapping[str, NDArray], by_person: Array,
+    seed: int,
+) -> xr.DataTree:  # fmt: skip
+    """All groups of a stored fit.
+
+    Parameters
+    ----------
+    study : StudyDensity
+    posterior : FullTables
+        With leading axes chain and draw.
+    prior : FullTables
+        The same, one chain.
+    stats : mapping of str to arrays [chain, draw]
+    by_person : float64[chain, draw, person]
+    seed : int
+        Of the simulated studies.
+    """
+    people = np.unique(study.log.participant)
+    log_likelihood = xr.Dataset(
+        {"participant": (("chain", "draw", "person"), by_person)}, coords={"person": people}
+    )
+    return xr.DataTree.from_dict(
+        {
+            "posterior": named(study, posterior),
+            "prior": named(study, prior),
+            "sample_stats": xr.Dataset({k: (("chain", "draw"), v) for k, v in stats.items()}),
+            "log_likelihood": log_likelihood,
+            "prior_predictive": _predictive(study, prior, seed, 0),
+            "posterior_predictive": _predictive(study, posterior, seed, 1),
+            "observed_data": _events(study, study.log.response[study.log.response != UNSEEN], ()),
+        }
+    )
+
+
+def named(study: StudyDensity, tables: FullTables) -> xr.Dataset:
+    """Tables with names; those that differ between groups have the dimension ``group``, the others do not."""
+    p, layout = study.log.protocol, study.layout
+    lead, groups = tables.initial.shape[:-2], layout.n_groups
+    names = list(default_state_names(layout.n_states))
+    coords = {
+        "state": names, "state_next": names, "action": list(p.action_names),
+        "emission_action": list(p.emission_actions), "response": list(p.response_names),
+    }  # fmt: skip
+    differ: tuple[str, ...] = ()
+    if study.spec.groups is not None:
+        differ = study.spec.groups.differ
+        coords["group"] = list(study.spec.groups.labels)
+    dims = {
+        "initial": ("state",), "transition": ("action", "state", "state_next"),
+        "emission": ("emission_action", "state", "response"),
+    }  # fmt: skip
+    variables = {}
+    for name, own in dims.items():
+        table = getattr(tables, name)
+        by_group = table.reshape(
+            *lead, groups, *((-1, *table.shape[len(lead) + 1 :]) if name != "initial" else (-1,))
+        )
+        if name in differ:
+            variables[name] = (("chain", "draw", "group", *own), by_group)
+        else:
+            variables[name] = (("chain", "draw", *own), by_group[:, :, 0])
+    if tables.spread is not None:
+        variables[SPREAD] = (("chain", "draw"), tables.spread)
+    return xr.Dataset(variables, coords=coords)
+
+
+def _predictive(study: StudyDensity, tables: FullTables, seed: int, which: int) -> xr.Dataset:
+    chains, draws = tables.initial.shape[:2]
+    each = min(draws, max(1, PREDICTIVE_DRAWS // chains))
+    kept = np.linspace(0, draws - 1, each).round().astype(np.int64)
+    some = [None if t is None else t[:, kept].reshape(chains * each, *t.shape[2:]) for t in tables]
+    streams = [np.random.SeedSequence(seed, spawn_key=(PREDICTIVE_STREAM, which, d)) for d in range(chains * each)]
+    responses = predictive_responses(FullTables(*some), study.log, streams, study.spec.groups)  # type: ignore[arg-type]
+    seen = responses[:, study.log.response != UNSEEN].reshape(chains, each, -1)
+    return _events(study, seen, ("chain", "draw"))
+
+
+def _events(study: StudyDensity, values: NDArray[np.int8], lead: tuple[str, ...]) -> xr.Dataset:
+    log = study.log
+    seen = log.response != UNSEEN
+    run = log.run_of_event[seen]
+    coords = {
+        "participant": ("event", log.participant[run]), "sequence": ("event", log.sequence[run]),
+        "k": ("event", log.k[seen]),
+    }  # fmt: skip
+    return xr.Dataset({"response": ((*lead, "event"), values)}, coords=coords)

@@ -5,7 +5,7 @@
 #   make env PYTHON=/path/to/python     names the Python to use, should none be found
 
 .DEFAULT_GOAL := help
-.PHONY: help env report notebooks notebooks-fast test test-all lint format warm bench lock clean distclean
+.PHONY: help env report evidence notebooks notebooks-fast test test-all lint format warm bench lock clean distclean
 
 BIN := .venv/bin
 OUT := reports/build
@@ -19,6 +19,11 @@ env: ## Make or repair .venv exactly as requirements.lock says
 
 report: env ## The whole report on the bundled data, into reports/build (OUT=folder)
 	$(BIN)/prosocial report --out $(OUT) $(ARGS)
+
+# Each command replaces its file when it is done, so that an interruption leaves the last evidence in place.
+evidence: env ## Make anew the stored evidence, calibration and recovery (half an hour on two cores)
+	$(BIN)/prosocial calibrate --states 2,3 --replicates 200,100 --out reports/evidence/calibration.json
+	$(BIN)/prosocial recover --states 1-5 --select --replicates 50 --out reports/evidence/recovery.json
 
 notebooks: env ## Run every notebook and store its output
 	$(BIN)/python -m analysis.notebooks $(ARGS)

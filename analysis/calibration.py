@@ -12,12 +12,12 @@ by data and sampler alone. Ranks of all studies are kept in the result.
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.calibration_statistics import quantities
-from analysis.design import study1_design
 from analysis.rank_uniformity import FAMILY_WISE, bonferroni, examine, p_values, ranks_of
+from analysis.replicates import Progress, prior_draw, run_replicates, simulated_study
 from models.draw_kernels import constrained
 from models.errors import located
 from models.events import EventLog
@@ -36,7 +36,6 @@ from models.lspomdp import LatentStatePOMDP
 from models.nuts import NutsSettings, sample_chain
 from models.parameters import STICKY, DirichletPrior, Layout
 from models.protocol import PUBLISHED
-from models.simulation import simulate_responses
 
 STREAM = 7_201
 """First element of the spawn keys of replicates; number of states and replicate follow."""
@@ -52,8 +51,6 @@ MAX_DOUBLINGS = 4
 
 MAX_SHORT = 0.05
 """Largest share of samples that may stay too short."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -112,35 +109,31 @@ class Replicate:
         return self.min_ess > MIN_ESS
 
 
-def prior_draw(layout: Layout, prior: DirichletPrior, rng: np.random.Generator) -> LatentStatePOMDP:
-    """Draw a truth from the prior, row by row."""
-    alpha = 1.0 + prior.pseudo_counts(layout)
-    theta = np.concatenate([rng.dirichlet(alpha[row]) for row in layout.rows])
-    return LatentStatePOMDP(*layout.unpack(theta), layout.protocol)
-
-
-def run_replicate(settings: CalibrationSettings, index: int) -> Replicate:
+def run_replicate(settings: CalibrationSettings, index: int, *, stop: Event | None = None) -> Replicate:
     """Draw a truth, simulate its study, sample the posterior, rank the truth. Depends on its arguments only."""
     key = (STREAM, settings.states, index)
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=key))
     layout = Layout(PUBLISHED, settings.states)
     truth = prior_draw(layout, settings.prior, rng)
-    design = study1_design().draw(settings.participants, "simulated_calibration", rng)
-    log, _ = simulate_responses(truth, design, rng)
-    return rank_truth(truth, log, settings, rng)
+    log = simulated_study(truth, settings.participants, "simulated_calibration", rng)
+    return rank_truth(truth, log, settings, rng, stop)
 
 
 def rank_truth(
-    truth: LatentStatePOMDP, log: EventLog, settings: CalibrationSettings, rng: np.random.Generator
+    truth: LatentStatePOMDP,
+    log: EventLog,
+    settings: CalibrationSettings,
+    rng: np.random.Generator,
+    stop: Event | None = None,
 ) -> Replicate:
-    """Sample the posterior of a study and rank its truth."""
+    """Sample the posterior of a study and rank its truth; setting `stop` ends it with `CancelledError`."""
     layout = Layout(log.protocol, settings.states)
     alpha = 1.0 + settings.prior.pseudo_counts(layout)
     density = HmmDensity(log.tree(), layout, alpha, {})
     seed, own = int(rng.integers(2**31)), settings.sampler
     for doubling in range(MAX_DOUBLINGS + 1):
         sampler = NutsSettings(own.draws * 2**doubling, own.tune, own.chains, seed, own.target_accept)
-        chains = [sample_chain(density, c, sampler) for c in range(sampler.chains)]
+        chains = [sample_chain(density, c, sampler, stop=stop) for c in range(sampler.chains)]
         theta = constrained(density, np.stack([c.x for c in chains]))
         names, values = quantities(log, layout, alpha, theta)
         divergences = int(sum(c.stats["diverging"].sum() for c in chains))
@@ -322,24 +315,14 @@ def calibrate(
             "calibration, states", [s.states for s in settings], "different numbers of states, at least one"
         )
     started = time.perf_counter()
-    own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
-    pool = executor or own
-    assert pool is not None
-    runs = []
-    futures: dict[Future[Replicate], int] = {}
-    try:
-        for setting in settings:
-            futures = {pool.submit(run_replicate, setting, i): i for i in range(setting.replicates)}
-            done: dict[int, Replicate] = {}
-            for future in as_completed(futures):
-                done[futures[future]] = future.result()
-                if progress is not None:
-                    progress(f"calibrating {setting.states} states", len(done), setting.replicates)
-            runs.append(CalibrationRun(setting, tuple(done[i] for i in sorted(done))))
-    finally:
-        # After an error or Ctrl-C nothing new is begun; somebody else's pool stays open.
-        for future in futures:
-            future.cancel()
-        if own is not None:
-            own.shutdown(wait=False)
+    runs = [
+        CalibrationRun(
+            setting,
+            run_replicates(
+                run_replicate, setting, setting.replicates, label=f"calibrating {setting.states} states",
+                executor=executor, progress=progress,
+            ),
+        )
+        for setting in settings
+    ]  # fmt: skip
     return Calibration(tuple(runs), time.perf_counter() - started)

@@ -1,27 +1,40 @@
 """The command `prosocial`: one contract for people and programs.
 
 A command is a function in a `cli_*` module; adding one is one line here. Modules of the workbench are imported
-inside the functions, so that ``prosocial --help`` does not wait for them.
+inside the functions, so that ``prosocial --help`` does not wait for them. This module imports nothing that takes
+time, so that even the earliest Ctrl-C is met inside `main`.
 """
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
 
-from models.errors import InputError
-
+TYPE_CHECKING = False  # as `typing` has it, without the time that importing it takes
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import NoReturn
 
     import typer
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
 
 
 def build() -> typer.Typer:
-    """Make the command line; all imports are in here, so that an early Ctrl-C is met inside `main`."""
+    """Make the command line."""
     import typer
 
-    from analysis import cli_bayes, cli_bench, cli_calibrate, cli_compare, cli_data, cli_em, cli_report
+    from analysis import (
+        cli_bayes,
+        cli_bench,
+        cli_calibrate,
+        cli_compare,
+        cli_data,
+        cli_em,
+        cli_fits,
+        cli_recover,
+        cli_report,
+    )
 
     app = typer.Typer(
         name="prosocial",
@@ -37,6 +50,8 @@ def build() -> typer.Typer:
     app.command("em")(cli_em.em_command)
     app.command("bayes")(cli_bayes.bayes_command)
     app.command("calibrate")(cli_calibrate.calibrate_command)
+    app.command("recover")(cli_recover.recover_command)
+    app.add_typer(cli_fits.fits, name="fits")
     app.command("compare")(cli_compare.compare_command)
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)
@@ -52,12 +67,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process by default.
     """
     try:
-        build()(args=None if arguments is None else list(arguments), prog_name="prosocial")
-    except InputError as error:
-        print(f"prosocial: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        from models.errors import InputError
+
+        try:
+            build()(args=None if arguments is None else list(arguments), prog_name="prosocial")
+        except InputError as error:
+            print(f"prosocial: {error}", file=sys.stderr)
+            sys.exit(2)
+    except KeyboardInterrupt as interrupt:
+        _interrupted(interrupt, arguments is None)
+    except SystemExit as stop:
+        if stop.code != INTERRUPTED:
+            raise
+        # typer turns an interruption within a command into this exit, and keeps it as the cause.
+        _interrupted(getattr(stop.__context__, "__cause__", None), arguments is None)
+
+
+def _interrupted(interrupt: BaseException | None, leaving: bool) -> NoReturn:
+    """Say it in one line and exit; what a command gave its `KeyboardInterrupt` to say is said."""
+    told = "".join(f"; {word}" for word in getattr(interrupt, "args", ()))
+    print(f"prosocial: interrupted{told}", file=sys.stderr)
+    if leaving:
+        # Threads may need a moment to notice. A second Ctrl-C in that time ends the process, without a traceback.
+        import signal
+
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, SeedOption
+from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
+from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
 
 
 def calibrate_command(
@@ -15,9 +16,7 @@ def calibrate_command(
         str, typer.Option(metavar="200,100", help="Simulated studies; one number, or one for each of the states.")
     ] = "200",
     participants: Annotated[int, typer.Option(min=1, help="People in each simulated study.")] = 540,
-    out: Annotated[
-        str | None, typer.Option("--out", metavar="FILE", help="Write everything, ranks included, as JSON.")
-    ] = None,
+    out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -28,19 +27,13 @@ def calibrate_command(
 
     Example: prosocial calibrate --states 2,3 --replicates 200,100 --out calibration.json
     """
-    import json as json_text
-
     from analysis import progress
     from analysis.calibration import CalibrationSettings, calibrate
-    from analysis.cli_options import check_output, plain, write_output
     from analysis.em_study import parse_states
-    from models.compiled import kernel_digest
+    from analysis.evidence import record
     from models.errors import located
-    from models.posterior_files import versions
 
-    report = Report(json, quiet)
-    if out is not None:
-        check_output("--out", out)
+    report = begin_evidence(json, quiet, out)
     sizes = parse_states(states)
     counts = [int(part) if part.strip().isdecimal() else 0 for part in replicates.split(",")]
     if len(counts) == 1:
@@ -58,16 +51,11 @@ def calibrate_command(
         f"prosocial calibrate --states {','.join(map(str, sizes))} --replicates {','.join(map(str, counts))} "
         f"--participants {participants} --seed {seed}"
     )
-    content = {
-        "what": "Simulation-based calibration of the Bayesian model: simulated people, simulated truths.",
-        "command": command, "seed": seed, "kernel_digest": kernel_digest(), "versions": versions(),
-        **result.to_dict(),
-    }  # fmt: skip
-    if out is not None:
-        write_output("--out", out, (json_text.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
+    what = "Simulation-based calibration of the Bayesian model: simulated people, simulated truths."
+    content = record(what, command, seed, result.to_dict())
     report.say(result.sentence)
     for run in result.runs:
         report.say(run.sentence)
     columns = [c for c in result.table.columns if not c.startswith("p_")] + ["p_uniform"]
     report.say(result.table[columns].round(3).to_string())
-    report.finish(content)
+    finish_evidence(report, out, content)

@@ -101,6 +101,13 @@ def check_output(option: str, path: str | Path) -> None:
         raise located(f"{option} {path}", Phrase("a folder"), "the name of a file")
     if path.exists() and not path.is_file():
         raise located(f"{option} {path}", Phrase("a device or pipe"), "the name of a file")
+    if path.exists():
+        from analysis import datasets
+
+        if any(path.samefile(own) for own in datasets.files()):
+            raise located(
+                f"{option} {path}", Phrase("a file of the workbench's own data"), "the name of another file"
+            )
     folder = path.parent
     while not folder.exists():
         folder = folder.parent

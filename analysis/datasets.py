@@ -20,6 +20,7 @@ from models.events import EventLog
 from models.protocol import PUBLISHED, Protocol
 
 REGISTRY = DATA_FOLDER / "registry.json"
+PRINTED = DATA_FOLDER / "published.json"
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,15 @@ def card(name: str) -> Card:
     for key in ("what_not", "references"):
         content[key] = tuple(content[key])
     return Card(**content)
+
+
+def files() -> tuple[Path, ...]:
+    """Files that belong to the registry, as far as they are on this machine: no command may write over them."""
+    paths = [REGISTRY, PRINTED, DATA_FOLDER / "simulated" / "calibrated_truth.json"]
+    paths += [
+        DATA_FOLDER / entry[key] for entry in _registry().values() for key in ("card", "file") if key in entry
+    ]
+    return tuple(path for path in (*paths, *frd2012.local_files()) if path.is_file())
 
 
 def load(name_or_path: str | Path, protocol: Protocol = PUBLISHED) -> DataSet:

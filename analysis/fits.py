@@ -20,10 +20,17 @@ import numpy as np
 from models.bayesian_fit import Engine, fit
 from models.compiled import kernel_digest
 from models.events import EventLog
+from models.groups import Groups
+from models.model_files import write_text
 from models.nuts import Chain, NutsSettings, Progress
 from models.parameters import STICKY, Array, DirichletPrior
+from models.person_offset import PersonOffset
 from models.posterior import Posterior
 from models.posterior_files import read_posterior, versions, write_posterior
+from models.study_density import ModelSpec
+
+ABOUT = "about.json"
+"""In the folder of an interrupted run: study and settings, for whoever lists the store."""
 
 
 def store_folder() -> Path:
@@ -55,6 +62,8 @@ def stored_fit(
     *,
     prior: DirichletPrior = STICKY,
     pins: Mapping[str, Array | None] | None = None,
+    groups: Groups | None = None,
+    people: PersonOffset | None = None,
     engine: Engine = "direct",
     sampler: NutsSettings | None = None,
     progress: Progress | None = None,
@@ -67,33 +76,37 @@ def stored_fit(
         What is learned from: the selected part of the data.
     data_digest : str
         Digest of that part (`analysis.datasets.log_digest`).
-    states, prior, pins, engine, sampler, progress
+    states, prior, pins, groups, people, engine, sampler, progress
         As in `models.bayesian_fit.fit`.
     """
     sampler = sampler or NutsSettings()
-    settings = {
-        "states": states, "prior": vars(prior), "engine": engine, "sampler": vars(sampler),
-        "pins": {a: None if t is None else np.asarray(t).tolist() for a, t in (pins or {}).items()},
-    }  # fmt: skip
+    spec = ModelSpec(states, prior, dict(pins or {}), groups, people)
+    settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
     key = fit_key(data_digest, settings)
     path = store_folder() / f"{key}.nc"
     if path.is_file():
         return StoredFit(read_posterior(path), path, key, True)
-    done, keep, forget = _chains(store_folder() / f"{key}.chains")
+    done, keep, forget = _chains(store_folder() / f"{key}.chains", {"study": log.study, **settings})
     posterior = fit(
-        log, states, prior=prior, pins=pins, engine=engine, sampler=sampler, done=done, finished=keep,
-        progress=progress,
+        log, states, prior=prior, pins=pins, groups=groups, people=people, engine=engine, sampler=sampler,
+        done=done, finished=keep, progress=progress,
     )  # fmt: skip
-    write_posterior(posterior, path, {"data_digest": data_digest, "study": log.study, "key": key})
+    write_posterior(
+        posterior, path, {"data_digest": data_digest, "study": log.study, "key": key, "kernels": kernel_digest()}
+    )
     forget()
     return StoredFit(posterior, path, key, False)
 
 
-def _chains(folder: Path) -> tuple[dict[int, Chain], Callable[[int, Chain], None], Callable[[], None]]:
-    """Chains of an interrupted run, how to keep another one, and how to clear them away."""
+def _chains(
+    folder: Path, about: Mapping[str, Any]
+) -> tuple[dict[int, Chain], Callable[[int, Chain], None], Callable[[], None]]:
+    """Chains of an interrupted run, how to keep another one (saying what about), and how to clear them away."""
 
     def keep(number: int, chain: Chain) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / ABOUT).is_file():
+            write_text(folder / ABOUT, json.dumps(about))
         beside = folder / f".{number}.{os.getpid()}"
         with beside.open("wb") as stream:
             np.savez(stream, **{"x": chain.x, **chain.stats})  # type: ignore[arg-type]

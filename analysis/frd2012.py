@@ -58,13 +58,23 @@ def find_file() -> Path:
     return _fetch()
 
 
+def local_files() -> tuple[Path, ...]:
+    """Where the data may lie on this machine, whether they do or not."""
+    folder = os.environ.get("PROSOCIAL_DATA")
+    given = [Path(folder) / name for name in (FILE_NAME, EVENTS_NAME)] if folder else []
+    return (*given, _downloads() / FILE_NAME)
+
+
+def _downloads() -> Path:
+    return cache_folder().parent.parent / "downloads"
+
+
 def _fetch() -> Path:
     import pooch  # imports an HTTP client, which nothing else needs
 
     pooch.get_logger().setLevel("WARNING")
-    folder = cache_folder().parent.parent / "downloads"
     try:
-        return Path(pooch.retrieve(URL, known_hash=f"sha256:{SHA256}", fname=FILE_NAME, path=folder))
+        return Path(pooch.retrieve(URL, known_hash=f"sha256:{SHA256}", fname=FILE_NAME, path=_downloads()))
     except (OSError, ValueError) as error:
         reason = str(error).split("\n", 1)[0]
         if len(reason) > 120:

@@ -7,7 +7,19 @@ from dataclasses import dataclass
 
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, NotSupported, Section
-from analysis.report.sections import flow, learned, limits, provenance, reward, states, study, uncertainty
+from analysis.report.sections import (
+    evidence,
+    flow,
+    held_out,
+    learned,
+    limits,
+    people,
+    provenance,
+    reward,
+    states,
+    study,
+    uncertainty,
+)
 
 Make = Callable[[ReportContext], tuple[Block, ...]]
 
@@ -38,6 +50,9 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("states", "How many states?", states.make),
     Entry("model", "The learned model", learned.make),
     Entry("uncertainty", "How sure are we?", uncertainty.make),
+    Entry("people", "Do people differ?", people.make),
+    Entry("held-out", "What a model says of conditions it has not seen", held_out.make),
     Entry("reward", "The reward", reward.make),
+    Entry("evidence", "Can the method be trusted?", evidence.make),
     Entry("limits", "What this does not show", limits.make),
 )

@@ -1,8 +1,9 @@
 """Simulation-based calibration: it runs, it is reproducible, and it finds what is wrong."""
 
 import json
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -181,6 +182,13 @@ def test_another_seed_is_another_run(tiny):
     assert not np.array_equal(other.ranks, tiny[0].runs[0].ranks[0])
 
 
+def test_a_run_that_is_called_off_stops():
+    stop = Event()
+    stop.set()
+    with pytest.raises(CancelledError):
+        run_replicate(replace(TINY, sampler=NutsSettings(draws=100_000, tune=100, chains=1)), 0, stop=stop)
+
+
 def test_too_short_samples_are_doubled(monkeypatch):
     monkeypatch.setattr(calibration, "MAX_DOUBLINGS", 1)
     short = replace(TINY, sampler=NutsSettings(draws=50, tune=100, chains=2))
@@ -240,9 +248,9 @@ def test_the_command_writes_its_evidence(tmp_path, capsys):
     assert not stop.value.code
     captured = capsys.readouterr()
     content = json.loads(out.read_text(encoding="utf-8"))
-    assert json.loads(captured.out) == content
+    assert json.loads(captured.out) == {**content, "out": str(out)}
     assert content["command"] == "prosocial calibrate --states 2 --replicates 2 --participants 60 --seed 1"
-    assert {"seed", "kernel_digest", "versions", "sentence", "passed"} <= set(content)
+    assert {"date", "seed", "kernel_digest", "versions", "sentence", "passed"} <= set(content)
     assert content["runs"][0]["settings"]["replicates"] == 2
     assert content["sentence"] in captured.err
 

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from analysis import datasets, frd2012
 from analysis.cli import main
 from tests.analysis.event_text import text
 
@@ -24,6 +25,29 @@ def test_data_and_protocol_are_never_overwritten(tmp_path, capsys):
     assert run("simulated_study1", "--protocol", path, "--json", path) == 2
     assert "wanted another file than --protocol" in capsys.readouterr().err
     assert path.read_text() == text()
+
+
+def test_files_of_the_data_registry_are_never_overwritten(tmp_path, capsys, monkeypatch):
+    own = [path for path in datasets.files() if path.is_relative_to(datasets.DATA_FOLDER)]
+    names = {path.name for path in own}
+    assert {"registry.json", "published.json", "calibrated_truth.json", "simulated_study1.csv.gz"} <= names
+    assert {"simulated_study1.json", "frd2012.json"} <= names
+    link = tmp_path / "link.json"
+    for path in own:
+        before = path.read_bytes()
+        link.symlink_to(path)
+        for given in (path, link):
+            assert run("simulated_study1", "--json", given) == 2
+            told = capsys.readouterr().err
+            assert told.startswith(f"prosocial: --json {given}: found a file of the workbench's own data, wanted")
+        link.unlink()
+        assert path.read_bytes() == before
+    # Fetched data are protected where they were put.
+    fetched = tmp_path / frd2012.FILE_NAME
+    fetched.write_text("data")
+    monkeypatch.setenv("PROSOCIAL_DATA", str(tmp_path))
+    assert run("simulated_study1", "--json", fetched) == 2
+    assert fetched.read_text() == "data"
 
 
 def test_model_files_and_json_are_kept_apart(tmp_path, capsys):

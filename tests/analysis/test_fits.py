@@ -48,6 +48,22 @@ def test_every_setting_has_its_own_key(log):
     assert len(keys) == 2 + len(changed)
 
 
+class Restless(DirichletPrior):
+    """Another prior with the same parameters."""
+
+    def pseudo_counts(self, layout):
+        return super().pseudo_counts(layout) + 1.0
+
+
+def test_priors_of_different_classes_are_not_confused(log):
+    plain, own = (
+        fits.stored_fit(log, log_digest(log), 2, prior=prior, sampler=SHORT)
+        for prior in (DirichletPrior(), Restless())
+    )
+    assert plain.key != own.key
+    assert not own.reused
+
+
 def test_an_interrupted_run_keeps_complete_chains_and_goes_on(log, own_store, monkeypatch):
     digest = log_digest(log)
     whole = fits.stored_fit(log, digest, 2, sampler=SHORT)

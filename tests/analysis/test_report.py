@@ -24,7 +24,10 @@ from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
 
 DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
-ALL_SECTIONS = ["provenance", "study", "flow", "states", "model", "uncertainty", "reward", "limits"]
+ALL_SECTIONS = [
+    "provenance", "study", "flow", "states", "model", "uncertainty", "held-out", "reward", "evidence",
+    "limits",
+]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
 
@@ -90,7 +93,7 @@ def test_every_section_is_there_in_order(bundled, page):
     places = [page.index(f'<section id="{key}"') for key in ALL_SECTIONS]
     assert places == sorted(places)
     assert all(f'href="#{key}"' in page for key in ALL_SECTIONS)
-    assert not [s.key for s in bundled.sections if s.omitted]
+    assert [s.key for s in bundled.sections if s.omitted] == ["held-out"]  # minutes of work, and this one is quick
 
 
 @pytest.mark.parametrize("which", ["bundled", "general"])

@@ -1,0 +1,174 @@
+"""What is in the store of fits, and clearing it away.
+
+A fit is found again only by the hash of everything that determined it, so one made by other code or other versions
+is never used again; neither is a damaged file or what a killed process left half written. An interrupted run's
+chains wait for the same command.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py  # type: ignore[import-untyped]
+
+from analysis import fits
+from models.compiled import kernel_digest
+from models.posterior_files import SCHEMA, versions
+
+DAY = 86_400.0
+
+STATUS = {
+    "ready": "found again by the same command",
+    "outdated": "made by other code or versions: never found again",
+    "interrupted": "chains of a run that was interrupted: the same command goes on with them",
+    "damaged": "cannot be read",
+    "left over": "half written by a process that was killed",
+}
+"""What an entry's status means."""
+
+USELESS = ("outdated", "damaged", "left over")
+
+LEFT_OVER_AFTER = 3600.0
+"""Seconds after which a half-written file counts as left over: nobody writes that long."""
+
+
+@dataclass(frozen=True)
+class StoreEntry:
+    """One fit, or the chains of an interrupted run.
+
+    Attributes
+    ----------
+    path : Path
+    key : str
+    status : str
+        A key of `STATUS`.
+    bytes : int
+    modified : float
+        Seconds since 1970.
+    about : mapping
+        As far as they are known: ``study, states, kappa, engine, draws, tune, chains, seed, pins``, ``groups``
+        (what tables differ by), ``hierarchical``, ``gate`` (whether passed), ``divergences``, ``max_rhat``; for an
+        interrupted run ``chains_done``.
+    """
+
+    path: Path
+    key: str
+    status: str
+    bytes: int
+    modified: float
+    about: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def age_days(self) -> float:
+        """Days since it was written."""
+        return max(0.0, time.time() - self.modified) / DAY
+
+
+def entries() -> list[StoreEntry]:
+    """Everything in the store, newest first; an empty list where there is no store."""
+    folder = fits.store_folder()
+    if not folder.is_dir():
+        return []
+    found = []
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):  # somebody else is done with it
+            entry = _entry(path)
+            if entry is not None:
+                found.append(entry)
+    return sorted(found, key=lambda entry: (-entry.modified, entry.key))
+
+
+def _entry(path: Path) -> StoreEntry | None:
+    """What a path in the store is; None for what is not the store's."""
+    if path.is_symlink():
+        return None
+    stat = path.stat()
+    if path.is_dir() and path.suffix == ".chains":
+        parts = [p.stat() for p in path.iterdir()]
+        latest = max((p.st_mtime for p in parts), default=stat.st_mtime)
+        about = _read_about(path) | {"chains_done": len(list(path.glob("*.npz")))}
+        return StoreEntry(path, path.stem, "interrupted", sum(p.st_size for p in parts), latest, about)
+    if not path.is_file() or path.suffix != ".nc":
+        return None
+    if path.name.startswith("."):
+        if time.time() - stat.st_mtime < LEFT_OVER_AFTER:
+            return None
+        return StoreEntry(path, path.name.split(".")[1], "left over", stat.st_size, stat.st_mtime)
+    try:
+        with h5py.File(path, "r") as file:  # attributes only: the draws stay on disk
+            attributes = {name: file.attrs[name] for name in file.attrs}
+            sampled = file["posterior/transition"].shape[:2]
+        settings, provenance = json.loads(attributes["settings"]), json.loads(attributes["provenance"])
+        gate, made_with = json.loads(attributes["gate"]), json.loads(attributes["versions"])
+    except (OSError, KeyError, ValueError):
+        return StoreEntry(path, path.stem, "damaged", stat.st_size, stat.st_mtime)
+    about = _described({**settings, **provenance}) | {
+        "gate": not _shut(gate), "divergences": gate.get("divergences"), "max_rhat": gate.get("max_rhat"),
+        "chains": int(sampled[0]), "draws": int(sampled[1]),
+    }  # fmt: skip
+    current = (attributes.get("schema"), made_with, provenance.get("kernels")) == (
+        SCHEMA, versions(), kernel_digest(),
+    )  # fmt: skip
+    return StoreEntry(path, path.stem, "ready" if current else "outdated", stat.st_size, stat.st_mtime, about)
+
+
+def _shut(gate: dict[str, Any]) -> bool:
+    from models.gate import Gate
+
+    return not Gate(**gate).passed
+
+
+def _read_about(folder: Path) -> dict[str, Any]:
+    try:
+        return _described(json.loads((folder / fits.ABOUT).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
+
+
+def _described(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings of a fit as they are listed."""
+    sampler, prior = settings.get("sampler") or {}, settings.get("prior") or {}
+    known = {
+        "study": settings.get("study"), "states": settings.get("states"), "kappa": prior.get("stay"),
+        "engine": settings.get("engine"), "pins": sorted(settings.get("pins") or {}),
+        "groups": (settings.get("groups") or {}).get("by"), "hierarchical": bool(settings.get("people")),
+        **{name: sampler.get(name) for name in ("draws", "tune", "chains", "seed")},
+    }  # fmt: skip
+    return {name: value for name, value in known.items() if value is not None}
+
+
+def to_clear(
+    found: Iterable[StoreEntry], *, older_than: float | None = None, everything: bool = False
+) -> list[StoreEntry]:
+    """Choose what to remove.
+
+    Parameters
+    ----------
+    found : iterable of StoreEntry
+    older_than : float, optional
+        Days: whatever was written longer ago.
+    everything : bool
+        All of it. With neither, what can never be used again (`USELESS`).
+    """
+    if everything:
+        return list(found)
+    if older_than is not None:
+        return [entry for entry in found if entry.age_days > older_than]
+    return [entry for entry in found if entry.status in USELESS]
+
+
+def remove(entry: StoreEntry) -> None:
+    """Remove an entry; nothing below a symbolic link or outside the store is touched."""
+    with suppress(FileNotFoundError):
+        if entry.path.is_dir():
+            for path in entry.path.iterdir():
+                path.unlink(missing_ok=True)
+            entry.path.rmdir()
+        else:
+            entry.path.unlink()

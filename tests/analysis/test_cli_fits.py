@@ -1,0 +1,167 @@
+"""The store of fits, listed and cleaned: what is never found again goes, the rest only when told."""
+
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+
+from analysis import fits, fits_inventory
+from analysis.cli import main
+from analysis.datasets import log_digest
+from analysis.fits_inventory import DAY, StoreEntry, entries, to_clear
+from models.nuts import NutsSettings
+from models.parameters import DirichletPrior
+from models.simulation import simulate_responses
+from tests.models.test_recovery import truth, varied_design
+
+SHORT = NutsSettings(40, 60, 2)
+
+
+@pytest.fixture(scope="module")
+def log():
+    rng = np.random.default_rng(2)
+    return simulate_responses(truth(), varied_design(60, 4, rng), rng)[0]
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch):
+    monkeypatch.setattr(fits, "store_folder", lambda: tmp_path / "fits")
+    return tmp_path / "fits"
+
+
+@pytest.fixture
+def full(store, log):
+    """One of each: a fit, an outdated one, chains of an interrupted run, something damaged, left over, foreign."""
+    digest = log_digest(log)
+    fit = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=5.0), pins={"help": None}, sampler=SHORT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "kernel_digest", lambda: "of other code")
+        old = fits.stored_fit(log, digest, 1, sampler=SHORT)
+
+        def stop(*args, finished, **options):
+            finished(1, fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)}))
+            raise KeyboardInterrupt
+
+        patch.setattr(fits, "fit", stop)
+        with pytest.raises(KeyboardInterrupt):
+            fits.stored_fit(log, digest, 3, sampler=SHORT)
+    (store / "damaged.nc").write_bytes(fit.path.read_bytes()[:2000])
+    (store / ".dead.nc.x1.nc").write_bytes(b"half")
+    os.utime(store / ".dead.nc.x1.nc", (time.time() - DAY,) * 2)
+    (store / ".alive.nc.x2.nc").write_bytes(b"being written")
+    (store / "notes.txt").write_text("mine")
+    (store / "link.nc").symlink_to(store / "notes.txt")
+    return fit, old
+
+
+def run(capsys, *arguments):
+    try:
+        main(["fits", *map(str, arguments)])
+        status = 0
+    except SystemExit as stop:
+        status = stop.code or 0
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_what_is_in_the_store(full):
+    fit, old = full
+    found = {entry.status: entry for entry in entries()}
+    assert sorted(found) == ["damaged", "interrupted", "left over", "outdated", "ready"]
+    ready = found["ready"]
+    assert ready.key == fit.key
+    assert ready.bytes == fit.path.stat().st_size
+    gate = fit.posterior.gate
+    assert ready.about == {
+        "study": "simulated_recovery", "states": 2, "kappa": 5.0, "engine": "direct", "pins": ["help"],
+        "hierarchical": False, "draws": 40, "tune": 60, "chains": 2, "seed": 1, "gate": gate.passed,
+        "divergences": gate.divergences, "max_rhat": pytest.approx(gate.max_rhat),
+    }  # fmt: skip
+    assert found["outdated"].key == old.key
+    waiting = found["interrupted"].about
+    assert (waiting["study"], waiting["states"], waiting["chains_done"]) == ("simulated_recovery", 3, 1)
+    assert found["left over"].key == "dead"
+
+
+def test_other_versions_make_a_fit_outdated(full, monkeypatch):
+    monkeypatch.setattr(fits_inventory, "versions", lambda: {"numpy": "0"})
+    assert "ready" not in {entry.status for entry in entries()}
+
+
+def test_list_and_its_json(full, store, capsys):
+    status, out, err = run(capsys, "list", "--json", "-")
+    assert status == 0
+    content = json.loads(out)
+    assert content["folder"] == str(store)
+    assert {entry["status"] for entry in content["fits"]} >= {"ready", "interrupted"}
+    ready = next(e for e in content["fits"] if e["status"] == "ready")
+    assert {"key", "study", "states", "kappa", "engine", "draws", "gate", "bytes", "modified"} <= set(ready)
+    assert content["bytes"] == sum(entry["bytes"] for entry in content["fits"])
+    assert "simulated_recovery, 2 states  kappa 5  held help  direct, 2 x 40 draws, seed 1  gate " in err
+    assert "1 of 2 chains done" in err
+    assert "5 entries" in err
+
+
+def test_an_empty_store_is_said_to_be_empty(store, capsys):
+    status, out, _ = run(capsys, "list")
+    assert status == 0
+    assert "0 entries, 0.0 MB" in out
+    assert run(capsys, "clean")[0] == 0
+
+
+def test_clean_removes_what_is_never_found_again(full, store, capsys):
+    fit, old = full
+    status, out, _ = run(capsys, "clean", "--dry-run")
+    assert status == 0
+    assert "would remove" in out
+    assert old.path.exists()
+    status, out, _ = run(capsys, "clean", "--json", "-")
+    assert status == 0
+    assert {entry["status"] for entry in json.loads(out)["removed"]} == {"outdated", "damaged", "left over"}
+    assert json.loads(out)["kept"] == 2
+    left = sorted(path.name for path in store.iterdir())
+    assert left == sorted(
+        [".alive.nc.x2.nc", fit.path.name, "link.nc", "notes.txt", *(p.name for p in store.glob("*.chains"))]
+    )
+
+
+def test_clean_all_leaves_only_what_is_not_the_stores(full, store, capsys):
+    assert run(capsys, "clean", "--all", "--quiet")[0] == 0
+    assert sorted(path.name for path in store.iterdir()) == [".alive.nc.x2.nc", "link.nc", "notes.txt"]
+    assert (store / "notes.txt").read_text() == "mine"
+
+
+def test_clean_by_age(full, store, capsys):
+    fit, _ = full
+    os.utime(fit.path, (time.time() - 40 * DAY,) * 2)
+    status, out, _ = run(capsys, "clean", "--older-than", "30", "--json", "-")
+    assert status == 0
+    assert [entry["key"] for entry in json.loads(out)["removed"]] == [fit.key]
+    assert len(list(store.glob("*.chains"))) == 1
+
+
+def test_age_and_everything_exclude_each_other(store, capsys):
+    status, _, err = run(capsys, "clean", "--all", "--older-than", "3")
+    assert status == 2
+    assert "--older-than: found 3.0, wanted nothing beside --all" in err
+
+
+def test_what_is_cleared(tmp_path):
+    now = time.time()
+    some = [
+        StoreEntry(tmp_path / name, name, status, 1, now - age * DAY)
+        for name, status, age in (("a", "ready", 10), ("b", "outdated", 1), ("c", "interrupted", 50))
+    ]
+    assert [e.key for e in to_clear(some)] == ["b"]
+    assert [e.key for e in to_clear(some, older_than=5)] == ["a", "c"]
+    assert [e.key for e in to_clear(some, everything=True)] == ["a", "b", "c"]
+
+
+def test_an_interrupted_run_that_goes_on_leaves_nothing(full, log, store):
+    fits.stored_fit(log, log_digest(log), 3, sampler=SHORT)
+    # The chains above belong to other code, so to another key.
+    assert [entry.about["states"] for entry in entries() if entry.status == "interrupted"] == [3]
+    (folder,) = store.glob("*.chains")
+    assert sorted(path.name for path in folder.iterdir()) == ["1.npz", "about.json"]

@@ -1,14 +1,16 @@
 """The one decorator for compiled kernels.
 
 numba's on-disk cache does not notice when a kernel *called by* a cached kernel changes: the caller keeps
-the old machine code. So the cache folder carries a digest of every compiled source file; editing any kernel
-starts a fresh cache.
+the old machine code. So the cache folder of a file carries a digest of every compiled source that the file
+reaches through imports: editing a kernel starts a fresh cache for it and for all that may call it, and leaves
+the others alone. The same digest says whether stored evidence was made by the present kernels.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -18,24 +20,80 @@ import numba
 
 _HERE = Path(__file__).resolve().parent
 
+# Every import statement of the house is absolute (a test sees to it), so lines of text are enough: parsing all
+# sources would cost each command more than the rest of its start.
+_IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n#]*)", re.MULTILINE)
+_KERNEL = re.compile(r"^from models\.compiled import [^\n]*\bkernel(_callback)?\b", re.MULTILINE)
+
 
 @cache
-def kernel_digest() -> str:
-    """Digest of all sources that use `kernel`; part of the cache folder's name and of stored evidence."""
+def kernel_digest(*modules: str) -> str:
+    """Digest of the kernel sources that modules reach through imports; part of cache folders and stored evidence.
+
+    Parameters
+    ----------
+    *modules : str
+        Dotted names in this checkout, such as ``models.bayesian_fit``; all of `models` if none is named.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If a module is not in this checkout.
+    """
     digest = hashlib.sha256()
-    for path in sorted(_HERE.rglob("*.py")):
-        text = path.read_bytes()
-        if b"models.compiled" in text or path.name == "compiled.py":
-            digest.update(path.relative_to(_HERE).as_posix().encode() + b"\0" + text + b"\0")
+    for path in kernel_sources(*modules):
+        digest.update(path.relative_to(_HERE.parent).as_posix().encode() + b"\0" + _text(path).encode() + b"\0")
     return digest.hexdigest()[:16]
 
 
+def kernel_sources(*modules: str) -> list[Path]:
+    """Files with kernels that modules reach through imports, those inside functions included, and this file."""
+    if not modules:
+        found = set(_HERE.rglob("*.py"))
+    else:
+        found, left = set(), list(modules)
+        for module in modules:
+            if _source(module) is None:
+                raise ModuleNotFoundError(f"{module} is not in this checkout", name=module)
+        while left:
+            path = _source(left.pop())
+            if path is not None and path not in found:
+                found.add(path)
+                left += _imported(path)
+    return sorted({Path(__file__).resolve(), *(path for path in found if _KERNEL.search(_text(path)))})
+
+
 @cache
-def cache_folder() -> Path:
-    """Folder of compiled kernels: below `PROSOCIAL_CACHE`, or `.cache/` in the checkout."""
+def _text(path: Path) -> str:
+    """As it was when first read, so that a digest tells of the kernels that run and not of later edits."""
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def _source(module: str) -> Path | None:
+    """File of a dotted name; None if it is no module of this checkout."""
+    base = _HERE.parent.joinpath(*module.split("."))
+    return next((p for p in (base.with_name(f"{base.name}.py"), base / "__init__.py") if p.is_file()), None)
+
+
+@cache
+def _imported(path: Path) -> list[str]:
+    """Dotted names that a file imports, and names in them, which may be modules too."""
+    out: list[str] = []
+    for origin, names in _IMPORT.findall(_text(path)):
+        if origin:
+            out += [origin, *(f"{origin}.{name}" for name in re.findall(r"\w+", names))]
+        else:
+            out += re.findall(r"[\w.]+", names)
+    return out
+
+
+@cache
+def cache_folder(*modules: str) -> Path:
+    """Folder for what modules compile: below `PROSOCIAL_CACHE`, or `.cache/` in the checkout."""
     root = os.environ.get("PROSOCIAL_CACHE")
     base = Path(root) if root else _HERE.parent / ".cache"
-    return base / "numba" / kernel_digest()
+    return base / "numba" / kernel_digest(*modules)
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -55,9 +113,11 @@ def kernel_callback(signature: Any) -> Any:
 
 def _cached(compile_with: Callable[..., Any], function: Callable[..., Any] | None) -> Any:
     def decorate(target: Callable[..., Any]) -> Any:
+        # A kernel of a script or notebook has no file in the checkout: it may call any other.
+        known = (target.__module__,) if _source(target.__module__) else ()
         # numba reads the folder while decorating; other users of numba in the process keep theirs.
         before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        numba.config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = str(cache_folder(*known))  # type: ignore[attr-defined]
         try:
             return compile_with(target)
         finally:

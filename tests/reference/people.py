@@ -14,13 +14,12 @@ def tilted(emission, scores, offset):
 
 def person_log_likelihood(runs, initial, transition, emission, emission_index, scores, spread, z, log_weight):
     """Of one person with these runs, summed over the nodes."""
-    by_node = [
-        lw + sum(
-            recursions.log_likelihood(run, initial, transition, tilted(emission, scores, spread * q), emission_index)
-            for run in runs
+    by_node = []
+    for q, lw in zip(z, log_weight, strict=True):
+        moved = tilted(emission, scores, spread * q)
+        by_node.append(
+            lw + sum(recursions.log_likelihood(run, initial, transition, moved, emission_index) for run in runs)
         )
-        for q, lw in zip(z, log_weight, strict=True)
-    ]  # fmt: skip
     return logsumexp(by_node)
 
 

@@ -1,0 +1,142 @@
+"""Hypotheses and comparisons of models that refuse what cannot be tested or compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from models.errors import InputError, Phrase, located
+from models.glmm_input import unwrapped
+
+if TYPE_CHECKING:
+    from models.glmm_results import LogisticMixedResults
+
+
+def likelihood_ratio(full: LogisticMixedResults, restricted: LogisticMixedResults) -> tuple[float, float, int]:
+    """Test a model against one nested in it, both with the random intercept.
+
+    Returns
+    -------
+    lr, p, df : float, float, int
+
+    Raises
+    ------
+    InputError
+    """
+    full, restricted = unwrapped(full), unwrapped(restricted)
+    check_comparable(full, restricted)
+    for name, results in (("full", full), ("restricted", restricted)):
+        if not results.converged:
+            raise located(f"{name} model", Phrase("a fit without a maximum"), "a fit that converged")
+    big, small = full.model.exog, restricted.model.exog
+    df = big.shape[1] - small.shape[1]
+    if df <= 0:
+        raise located(
+            "restricted model", Phrase(f"{small.shape[1]} coefficients, the full one {big.shape[1]}"),
+            "fewer coefficients than the full model",
+        )  # fmt: skip
+    weights, *_ = np.linalg.lstsq(big, small, rcond=None)
+    outside = np.abs(big @ weights - small).max(axis=0) > 1e-7 * np.maximum(np.abs(small).max(axis=0), 1e-300)
+    if outside.any():
+        names = ", ".join(str(n) for n, out in zip(restricted.model.exog_names, outside, strict=True) if out)
+        raise located(
+            "restricted model", Phrase(f"{names}, outside the full model"), "a model nested in the full one"
+        )
+    lr = max(0.0, 2.0 * (full.llf - restricted.llf))
+    return float(lr), float(chi2.sf(lr, df)), int(df)
+
+
+def check_comparable(first: LogisticMixedResults, second: LogisticMixedResults) -> None:
+    """Refuse likelihoods of different data or different quadrature rules.
+
+    Raises
+    ------
+    InputError
+    """
+    if not hasattr(second, "maximum"):
+        raise located("restricted model", Phrase(type(second).__name__), "a fitted LogisticMixedModel")
+    a, b = first.model, second.model
+    if a.rule.n_nodes != b.rule.n_nodes:
+        raise located("quadrature", Phrase(f"{a.rule.name}, and {b.rule.name}"), "one rule for both models")
+    if len(a.endog) != len(b.endog):
+        raise InputError(f"data: found {len(a.endog)} and {len(b.endog)} rows, wanted the same rows in both models")
+    for what, x, y in (
+        ("outcomes", a.successes, b.successes),
+        ("trials", a.trials, b.trials),
+        ("frequency weights", a.freq_weights, b.freq_weights),
+        ("offsets", a.offset, b.offset),
+    ):
+        if not np.array_equal(x, y):
+            raise InputError(
+                f"data: found different {what}, wanted the same data, in the same order, in both models"
+            )
+    # The same partition is wanted, whatever the labels.
+    if len(np.unique(a.group_code * len(b.group_labels) + b.group_code)) != a.n_groups or a.n_groups != b.n_groups:
+        raise InputError("groups: found different groups, wanted the same in both models")
+
+
+def about_fixed_effects(r_matrix: Any, names: Sequence[str]) -> Any:
+    """Pad contrasts of the fixed effects with a zero for the sd, and refuse those that involve it.
+
+    Parameters
+    ----------
+    r_matrix
+        As for statsmodels' tests: text, matrix, or (matrix, values).
+    names : sequence of str
+        Of the parameters, the sd last.
+
+    Raises
+    ------
+    InputError
+    """
+    from statsmodels.formula._manager import FormulaManager
+
+    given = r_matrix[0] if isinstance(r_matrix, tuple) else r_matrix
+    if isinstance(given, str) or (isinstance(given, list) and isinstance(given[0], str)):
+        matrix = FormulaManager().get_linear_constraints(given, list(names)).constraint_matrix
+    else:
+        matrix = np.atleast_2d(np.asarray(given, float))
+        if matrix.shape[1] == len(names) - 1:
+            matrix = np.column_stack([matrix, np.zeros(len(matrix))])
+            r_matrix = (matrix, r_matrix[1]) if isinstance(r_matrix, tuple) else matrix
+    if matrix.shape[1] == len(names) and np.any(np.asarray(matrix)[:, -1] != 0):
+        found = Phrase(f"one about {names[-1]}")
+        raise located("hypothesis", found, "variance_test() for it: no z or chi-square holds")
+    return r_matrix
+
+
+def aic_table(fits: dict[str, Any] | Sequence[Any]) -> pd.DataFrame:
+    """Models of the same data side by side, best first.
+
+    Parameters
+    ----------
+    fits : mapping of str to results, or sequence of results
+        A sequence is named by formula.
+
+    Returns
+    -------
+    DataFrame
+        ``parameters``, ``log-likelihood``, ``AIC``, ``dAIC`` (above the best), ``weight``
+        (:math:`e^{-dAIC/2}`, normalised), ``BIC`` (logarithm of rows).
+    """
+    named = fits if isinstance(fits, dict) else {str(getattr(f.model, "formula", i)): f for i, f in enumerate(fits)}
+    results = [unwrapped(fit) for fit in named.values()]
+    for other in results[1:]:
+        check_comparable(results[0], other)
+    table = pd.DataFrame(
+        {
+            "parameters": [len(r.params) for r in results],
+            "log-likelihood": [r.llf for r in results],
+            "AIC": [r.aic for r in results],
+            "BIC": [r.bic for r in results],
+        },
+        index=pd.Index(list(named), name="model"),
+    )
+    table.insert(3, "dAIC", table["AIC"] - table["AIC"].min())
+    weight = np.exp(-0.5 * table["dAIC"])
+    table.insert(4, "weight", weight / weight.sum())
+    return table.sort_values("AIC")

@@ -1,0 +1,341 @@
+"""What a fitted mixed model knows: the statsmodels results surface, and the doors to everything beyond it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+from statsmodels.base import model as base
+from statsmodels.base import wrapper as wrap
+from statsmodels.tools._decorators import cache_readonly
+
+from models.errors import Phrase, located
+from models.glmm_comparison import about_fixed_effects, likelihood_ratio
+from models.glmm_data import Array, Likelihood
+from models.glmm_formula import named_column, new_design
+from models.glmm_nodes import NodeCheck, check_nodes
+from models.glmm_optimise import Maximum, negative_definite
+from models.glmm_posterior import intercepts
+from models.glmm_profile import profile_intervals
+from models.glmm_robust import sandwich
+from models.glmm_summary import summary_of
+
+if TYPE_CHECKING:
+    from models.glmm import LogisticMixedModel
+    from models.glmm_notes import Note
+
+KINDS = ("model", "robust")
+"""Kinds of covariance."""
+
+
+class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
+    """Results of `LogisticMixedModel.fit`.
+
+    Attributes
+    ----------
+    params : array [p + 1]
+        Fixed effects (log odds ratios for one and the same group), then the standard deviation of the intercept.
+    maximum : Maximum
+        How it was found: searches, evaluations, the pooled fit.
+    node_check : NodeCheck
+        The standard deviation against that under 2 K + 1 nodes.
+    notes : tuple of Note
+        What must be known before the fit is read; also raised as warnings.
+    converged, boundary : bool
+        Whether a maximum was found, and whether its standard deviation is zero.
+    nobs : int
+        Rows, counted by their weights: the number behind `bic`.
+    cov_type : str
+        Kind of covariance behind `bse`, tests and Wald intervals.
+    """
+
+    def __init__(self, model: LogisticMixedModel, maximum: Maximum, cov_type: str = "model") -> None:
+        if cov_type not in KINDS:
+            raise located("cov_type", cov_type, "'model' or 'robust'")
+        self._cache: dict[str, Any] = {}  # remove_data() wants it before anything is cached
+        self.maximum = maximum
+        self.notes: tuple[Note, ...] = ()
+        self.nobs = model.nobs
+        self.df_model, self.df_resid = model.df_model, model.df_resid
+        inverse = self._inverse_information(maximum)
+        super().__init__(model, maximum.theta, normalized_cov_params=inverse)
+        self.cov_type = cov_type
+        if cov_type == "robust":
+            self.cov_params_default = sandwich(self._likelihood(), maximum.theta, inverse)
+        self.node_check: NodeCheck = check_nodes(model.patterns, model.rule, maximum)
+
+    @staticmethod
+    def _inverse_information(maximum: Maximum) -> Array:
+        """Inverse of minus the Hessian; zero for a standard deviation on the boundary, NaN without a maximum."""
+        size = len(maximum.theta)
+        free = np.arange(size - 1 if maximum.boundary else size)
+        inverse = np.zeros((size, size))
+        block = maximum.hessian[np.ix_(free, free)]
+        inverse[np.ix_(free, free)] = np.linalg.inv(-block) if negative_definite(block) else np.nan
+        return inverse
+
+    def _likelihood(self) -> Likelihood:
+        return Likelihood(self.model.patterns, self.model.rule)
+
+    # -- estimates ---------------------------------------------------------------------------------
+    @property
+    def converged(self) -> bool:
+        """Whether a maximum was found."""
+        return self.maximum.converged
+
+    @property
+    def boundary(self) -> bool:
+        """Whether the standard deviation is estimated at zero."""
+        return self.maximum.boundary
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the random intercept, on the logit scale."""
+        return float(self.params[-1])
+
+    @property
+    def fe_params(self) -> Array:
+        """Fixed effects."""
+        return np.asarray(self.params[:-1])
+
+    @property
+    def llf(self) -> float:
+        """Log-likelihood, binomial coefficients included; comparable only under the same quadrature rule."""
+        return self.maximum.value
+
+    @cache_readonly
+    def bse(self) -> Array:
+        """Standard errors; NaN for a standard deviation on the boundary."""
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(self.cov_params()))
+        if self.boundary:
+            errors[-1] = np.nan
+        return errors
+
+    @cache_readonly
+    def tvalues(self) -> Array:
+        """Wald statistics z of the fixed effects; NaN for the sd, see `models.glmm_variance.variance_test`."""
+        return np.append(self.params[:-1] / self.bse[:-1], np.nan)
+
+    @cache_readonly
+    def pvalues(self) -> Array:
+        """Two-sided p of the fixed effects; NaN for the sd."""
+        return np.asarray(2 * norm.sf(np.abs(self.tvalues)))
+
+    def cov_params(
+        self,
+        r_matrix: Any = None,
+        column: Any = None,
+        scale: Any = None,
+        cov_p: Any = None,
+        other: Any = None,
+        kind: str | None = None,
+    ) -> Array:
+        """Covariance of the estimates, or of linear combinations of them.
+
+        Parameters
+        ----------
+        kind : {"model", "robust"}, optional
+            Inverse information or sandwich over groups; that of `cov_type` where it is not given. The other
+            arguments are those of statsmodels.
+        """
+        if kind is not None:
+            if kind not in KINDS:
+                raise located("kind", kind, "'model' or 'robust'")
+            inverse = self.normalized_cov_params
+            cov_p = inverse if kind == "model" else sandwich(self._likelihood(), self.params, inverse)
+        return np.asarray(super().cov_params(r_matrix, column, scale, cov_p, other))
+
+    # -- intervals ---------------------------------------------------------------------------------
+    def conf_int(self, alpha: float = 0.05, method: str = "wald", which: Any = None) -> Array:
+        """Confidence intervals ``[p + 1, 2]``.
+
+        Parameters
+        ----------
+        alpha : float
+            One minus the level.
+        method : {"wald", "profile"}
+            Estimate plus and minus multiples of the standard error (cut off at zero for the sd), or the values
+            that a likelihood-ratio test does not reject: prefer these for the sd and near the ceiling.
+        which : sequence of str, optional
+            Names of parameters to profile; rows of the others are NaN.
+        """
+        if method == "wald":
+            if which is not None:
+                raise located("which", Phrase("given"), "method='profile' with it")
+            half = norm.ppf(1 - alpha / 2) * self.bse
+            ends = np.column_stack([self.params - half, self.params + half])
+            ends[-1] = np.maximum(ends[-1], 0.0)
+            return ends
+        if method != "profile":
+            raise located("method", method, "'wald' or 'profile'")
+        names = list(self.model.data.param_names)
+        unknown = [name for name in which or [] if name not in names]
+        if unknown:
+            raise located("which", unknown[0], f"one of {', '.join(names)}")
+        positions = [i for i, name in enumerate(names) if which is None or name in which]
+        ends = np.full((len(names), 2), np.nan)
+        ends[positions] = profile_intervals(self._likelihood(), self.maximum, positions, alpha)
+        return ends
+
+    def odds_ratios(self, alpha: float = 0.05, method: str = "wald") -> pd.DataFrame:
+        """Odds ratios for one and the same group: exponentials of the fixed effects, with intervals.
+
+        An odds ratio over people is closer to one: `models.glmm_marginal.marginal_contrast`.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``odds ratio``, ``lower``, ``upper``, ``z``, ``p``; the intercept's row is odds, not a ratio.
+        """
+        ends = np.exp(self.conf_int(alpha, method)[:-1])
+        columns = {
+            "odds ratio": np.exp(self.params[:-1]), "lower": ends[:, 0], "upper": ends[:, 1],
+            "z": self.tvalues[:-1], "p": self.pvalues[:-1],
+        }  # fmt: skip
+        return pd.DataFrame(columns, index=self.model.data.param_names[:-1])
+
+    # -- tests -------------------------------------------------------------------------------------
+    def t_test(self, r_matrix: Any, cov_p: Any = None, use_t: Any = None) -> Any:
+        """Test linear hypotheses about the fixed effects by z (statsmodels' arguments; ``use_t`` is off)."""
+        return super().t_test(about_fixed_effects(r_matrix, self.model.data.param_names), cov_p=cov_p, use_t=use_t)
+
+    def wald_test(self, r_matrix: Any, *args: Any, **kwargs: Any) -> Any:
+        """Joint chi-square test of linear hypotheses about the fixed effects (statsmodels' arguments)."""
+        kwargs.setdefault("scalar", True)
+        return super().wald_test(about_fixed_effects(r_matrix, self.model.data.param_names), *args, **kwargs)
+
+    def compare_lr_test(self, restricted: Any) -> tuple[float, float, int]:
+        """Likelihood-ratio test against a model nested in this one: ``(lr, p, df)``.
+
+        Raises
+        ------
+        InputError
+            For other data, another quadrature rule, models that are not nested, or fits without a maximum.
+        """
+        return likelihood_ratio(self, restricted)
+
+    # -- predictions -------------------------------------------------------------------------------
+    def design_of(self, exog: Any) -> tuple[Array, Any]:
+        """Design matrix of new rows, or of the fit's own, with their index."""
+        if exog is None:
+            return self.model.exog, self.model.data.row_labels
+        if isinstance(exog, dict):
+            exog = pd.DataFrame(
+                exog if any(np.ndim(v) for v in exog.values()) else {k: [v] for k, v in exog.items()}
+            )
+        if hasattr(self.model, "formula"):
+            design, index = new_design(self.model, exog)
+        else:
+            design = np.atleast_2d(np.asarray(exog, float))
+            index = getattr(exog, "index", pd.RangeIndex(len(design)))
+        if design.shape[1] != len(self.params) - 1:
+            raise located("exog", Phrase(f"{design.shape[1]} columns"), f"{len(self.params) - 1}")
+        return design, index
+
+    def predict(
+        self, exog: Any = None, which: str = "marginal", groups: Any = None, offset: Any = None
+    ) -> pd.Series:
+        """Predictions for rows.
+
+        Parameters
+        ----------
+        exog : DataFrame or array_like, optional
+            Variables of the formula, or columns of the design; the rows of the fit where it is not given.
+        which : {"marginal", "conditional", "linear"}
+            Probability averaged over groups; probability for a group with intercept zero, or for the groups
+            given; linear predictor of the same.
+        groups : str or array_like, optional
+            Label of each row's group (or the name of the column): predictions then include the mode of its
+            intercept, as lme4's do. Groups that the fit has not seen are refused.
+        offset : str or array_like, optional
+            Of new rows, 0 where it is not given; the fit's own rows keep theirs.
+
+        Returns
+        -------
+        Series
+        """
+        design, index = self.design_of(exog)
+        if exog is None and offset is None:
+            offset = self.model.offset
+        elif isinstance(exog, pd.DataFrame):
+            offset = named_column(exog, offset, "offset")
+        shifts = None
+        if groups is not None:
+            if isinstance(exog, pd.DataFrame):
+                groups = named_column(exog, groups, "groups")
+            elif exog is None and isinstance(groups, str) and groups == self.model.group_name:
+                groups = self.model.groups
+            if np.shape(groups) != (len(design),):
+                raise located(
+                    "groups", Phrase(f"shape {np.shape(groups)}"), f"one label for each of {len(design)} rows"
+                )
+            position = self.model.group_labels.get_indexer(pd.Index(np.asarray(groups)))
+            if (position < 0).any():
+                unknown = np.asarray(groups)[position < 0][0]
+                raise located("groups", Phrase(str(unknown)), "groups of the fit; which='marginal' for others")
+            shifts = self.random_effects["mode"].to_numpy()[position]
+        values = self.model.predict(self.params, design, which=which, offset=offset, intercepts=shifts)
+        return pd.Series(values, index=index)
+
+    @cache_readonly
+    def fittedvalues(self) -> Array:
+        """Probabilities of the fit's rows averaged over groups."""
+        return np.asarray(self.model.predict(self.params))
+
+    @cache_readonly
+    def resid(self) -> Array:
+        """Observed proportions less `fittedvalues`."""
+        return self.model.successes / self.model.trials - self.fittedvalues
+
+    @property
+    def random_effects(self) -> pd.DataFrame:
+        """Intercepts of the groups on the logit scale, given their outcomes and the estimates.
+
+        Returns
+        -------
+        DataFrame
+            One row a group: ``mode`` (what lme4 calls conditional mode), ``mean``, ``sd``, and ``lower`` and
+            ``upper``, a 95% equal-tailed interval. See `random_effects_interval` for other levels.
+        """
+        return self.random_effects_interval()
+
+    def random_effects_interval(self, alpha: float = 0.05) -> pd.DataFrame:
+        """`random_effects` at another level; all intervals take the estimates as known."""
+        posterior = intercepts(self._likelihood(), self.params, alpha)
+        labels = pd.Index(self.model.group_labels, name=self.model.group_name)
+        return posterior.table(self.model.patterns.of_group, labels)
+
+    def bootstrap(self, *args: Any, **kwargs: Any) -> Any:
+        """Not offered: statsmodels' own resamples rows, and rows of a group are not independent.
+
+        Raises
+        ------
+        InputError
+        """
+        raise located(
+            "bootstrap", Phrase("rows to resample"), "variance_test(method='bootstrap'), or groups resampled"
+        )
+
+    def summary(self, alpha: float = 0.05, method: str = "wald", title: str | None = None) -> Any:
+        """The fit on a screen, with its notes.
+
+        Parameters
+        ----------
+        method : {"wald", "profile"}
+            Kind of intervals.
+        """
+        return summary_of(self, alpha, method, title)
+
+
+class LogisticMixedResultsWrapper(base.LikelihoodResultsWrapper):
+    """Results whose vectors and matrices carry the names of parameters."""
+
+    _wrap_attrs = wrap.union_dicts(
+        base.LikelihoodResultsWrapper._wrap_attrs, {"fe_params": ("generic_columns", "xnames")}
+    )
+
+
+wrap.populate_wrapper(LogisticMixedResultsWrapper, LogisticMixedResults)

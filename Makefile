@@ -60,7 +60,7 @@ bench: ## Measure the workbench against its peers (ARGS=name for one)
 COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.12 --generate-hashes --no-header pyproject.toml
 lock: env ## Pin anew what pyproject.toml asks for (ARGS=--upgrade for newer versions)
 	$(COMPILE) --all-extras --group dev --group build --output-file requirements.lock $(ARGS)
-	$(COMPILE) --group build --group bench --constraints requirements.lock --output-file requirements-bench.lock $(ARGS)
+	$(COMPILE) --group build --group bench --constraints requirements.lock --override .ci/bench-overrides.txt --output-file requirements-bench.lock $(ARGS)
 
 clean: ## Remove what runs leave behind: built reports, compiled kernels, tools' caches
 	rm -rf reports/build .cache/numba .pytest_cache .mypy_cache .ruff_cache .hypothesis

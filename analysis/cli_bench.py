@@ -10,23 +10,23 @@ from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, 
 
 
 def bench_command(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="em, or all.")] = "all",
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="em, bayes, or all.")] = "all",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repeats and smaller sizes.")] = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
 ) -> None:
-    """Measure speed against peers (hmmlearn where installed: `make bench`).
+    """Measure speed against peers (those that are installed: `make bench` has them all).
 
     Example: prosocial bench em --json bench.json
     """
     import sys
 
-    from analysis.bench import em
+    from analysis.bench import bayes, em
     from analysis.bench.timing import environment
     from models.errors import located
 
-    suites = {"em": em.run}
+    suites = {"em": em.run, "bayes": bayes.run}
     if name != "all" and name not in suites:
         raise located("bench", name, f"one of {', '.join(suites)}, or all")
     report = Report(json, quiet)

@@ -93,7 +93,10 @@ def span(timing: Timing, factor: float, unit: str) -> str:
 
 def environment() -> dict[str, str]:
     """Machine and versions, stored beside every result."""
-    packages = ("numpy", "numba", "pandas", "pyarrow", "hmmlearn")
+    packages = (
+        "numpy", "numba", "pandas", "pyarrow", "hmmlearn", "pymc", "pytensor", "nutpie", "arviz", "jax", "numpyro",
+        "pymc-extras",
+    )  # fmt: skip
     out = {"python": platform.python_version(), "machine": platform.machine(), "system": platform.system()}
     for name in packages:
         try:

@@ -162,13 +162,16 @@ def _row_offsets(tree: HistoryTree) -> NDArray[np.int64]:
 
 
 @kernel
-def forward(tree, initial, transition, emission, emission_index, work, scale):  # type: ignore[no-untyped-def]
+def forward(tree, initial, transition, emission, emission_index, work, scale, unit=()):  # type: ignore[no-untyped-def]
     """Fill work[0] = w (event included), work[1] = alpha of the children, scale[0] factor, scale[1] its log sum.
 
     A node's vectors are true values divided by exp(scale[1]). ``initial[g, s]`` has a row a group of people;
     actions are coded by group, ``g * actions + a`` (`models.groups`), and plain models have one group.
+
+    `unit` may be a tuple of as many zeros as there are states: its length is known to the compiler, which then
+    unrolls the loops over states (twice as fast). Empty, the number of states is read from the arrays.
     """
-    states = initial.shape[1]
+    states = len(unit) if len(unit) > 0 else initial.shape[1]
     per_group = len(emission_index) // len(initial)
     weighted, predicted = work[0], work[1]
     scale[0, 0], scale[1, 0] = 1.0, 0.0
@@ -217,11 +220,11 @@ def forward(tree, initial, transition, emission, emission_index, work, scale):  
 
 @kernel
 def sweep(  # type: ignore[no-untyped-def]
-    tree, initial, transition, emission, emission_index, g_initial, g_transition, g_emission, work, scale
+    tree, initial, transition, emission, emission_index, g_initial, g_transition, g_emission, work, scale, unit=()
 ):
     """Forward, then backward with gradients added into g_*; returns the weighted log-likelihood."""
-    forward(tree, initial, transition, emission, emission_index, work, scale)
-    states = initial.shape[1]
+    forward(tree, initial, transition, emission, emission_index, work, scale, unit)
+    states = len(unit) if len(unit) > 0 else initial.shape[1]
     per_group = len(emission_index) // len(initial)
     weighted, predicted = work[0], work[1]
     value = 0.0

@@ -24,6 +24,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
@@ -77,7 +78,10 @@ class StudyArrays(NamedTuple):
     plan : RowPlan
     alpha, template : float64[theta]
         Dirichlet parameters; theta with the pinned tables filled in. The last entry is sigma where people differ.
-    people : PeopleArrays
+    people : PeopleArrays or ()
+        Empty where people do not differ: the compiler then leaves their likelihood out.
+    unit : tuple of int
+        Empty, or a zero a state: `models.forward_backward.forward`.
     """
 
     tree: TreeArrays
@@ -87,7 +91,8 @@ class StudyArrays(NamedTuple):
     plan: RowPlan
     alpha: Array
     template: Array
-    people: PeopleArrays
+    people: PeopleArrays | tuple[()]
+    unit: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,8 @@ class HmmDensity:
         for action, table in checked_pins(self.layout, self.pins).items():
             transition[self.layout.protocol.action(action)] = table
         tied = self.layout.tied(theta)
-        return np.append(tied, 1.0) if self.people_differ else tied
+        # The place of sigma holds the scale of its prior until a sigma is written there.
+        return np.append(tied, self.people.prior_scale) if self.people_differ else tied
 
     @cached_property
     def arrays(self) -> StudyArrays:
@@ -142,7 +148,7 @@ class HmmDensity:
         layout = self.layout
         return StudyArrays(
             self.tree.arrays, layout.sizes, layout.emission_index, layout.index, self.plan,
-            np.ascontiguousarray(layout.tied(self.alpha)), self.template, self.people,
+            np.ascontiguousarray(layout.tied(self.alpha)), self.template, self.people if self.people_differ else (),
         )  # fmt: skip
 
     @cached_property
@@ -262,7 +268,7 @@ class HmmDensity:
 def constrain(x, study, theta):  # type: ignore[no-untyped-def]
     """Write the sampled rows of theta, and sigma where people differ."""
     plan = study.plan
-    if len(study.people.z) > 0:
+    if len(theta) > len(study.alpha):
         theta[-1] = np.exp(x[-1])
     for row in range(len(plan.start)):
         start, width, offset = plan.start[row], plan.width[row], plan.offset[row]
@@ -303,6 +309,44 @@ def tables(full, sizes):  # type: ignore[no-untyped-def]
     )
 
 
+def _swept(  # type: ignore[no-untyped-def]
+    people, study, initial, transition, emission, spread, g_initial, g_transition, g_emission
+):
+    """Log-likelihood and its derivative with respect to sigma, by the kernel that the model needs.
+
+    Which one is decided by types, when callers are compiled: a plain model never waits for the other kernel.
+    """
+    sweeps = _people_swept if len(people) else _plainly_swept
+    return sweeps(people, study, initial, transition, emission, spread, g_initial, g_transition, g_emission)
+
+
+def _plainly_swept(  # type: ignore[no-untyped-def]
+    people, study, initial, transition, emission, spread, g_initial, g_transition, g_emission
+):
+    nodes, states = len(study.tree.action), initial.shape[1]
+    value = sweep(
+        study.tree, initial, transition, emission, study.emission_index, g_initial, g_transition, g_emission,
+        np.empty((2, nodes, states)), np.empty((2, nodes)), study.unit,
+    )  # fmt: skip
+    return value, 0.0
+
+
+def _people_swept(  # type: ignore[no-untyped-def]
+    people, study, initial, transition, emission, spread, g_initial, g_transition, g_emission
+):
+    return people_sweep(
+        study.tree, people, initial, transition, emission, study.emission_index, spread, g_initial, g_transition,
+        g_emission,
+    )  # fmt: skip
+
+
+@overload(_swept, jit_options={"nogil": True, "error_model": "numpy"})
+def _choose_sweep(  # type: ignore[no-untyped-def]
+    people, study, initial, transition, emission, spread, g_initial, g_transition, g_emission
+):
+    return _people_swept if len(people) else _plainly_swept
+
+
 @kernel
 def log_likelihood(study, theta, slope):  # type: ignore[no-untyped-def]
     """Log-likelihood at theta; its gradient is added into `slope`."""
@@ -310,18 +354,10 @@ def log_likelihood(study, theta, slope):  # type: ignore[no-untyped-def]
     gradient = np.zeros(len(full))
     initial, transition, emission = tables(full, study.sizes)
     g_initial, g_transition, g_emission = tables(gradient, study.sizes)
-    states = study.sizes[0]
-    if len(study.people.z) > 0:
-        value, g_spread = people_sweep(
-            study.tree, study.people, initial, transition, emission, study.emission_index, theta[-1],
-            g_initial, g_transition, g_emission,
-        )  # fmt: skip
-        slope[-1] += g_spread
-    else:
-        value = sweep(
-            study.tree, initial, transition, emission, study.emission_index, g_initial, g_transition, g_emission,
-            np.empty((2, len(study.tree.action), states)), np.empty((2, len(study.tree.action))),
-        )  # fmt: skip
+    value, g_spread = _swept(
+        study.people, study, initial, transition, emission, theta[-1], g_initial, g_transition, g_emission
+    )
+    slope[-1] += g_spread
     for i in range(len(full)):
         slope[study.entry[i]] += gradient[i]
     return value
@@ -337,9 +373,9 @@ def log_density(x, gradient, study, temperature):  # type: ignore[no-untyped-def
     value = 0.0
     if temperature > 0.0:
         value = temperature * log_likelihood(study, theta, slope)
-    if len(study.people.z) > 0:
+    if len(theta) > len(alpha):
         # Half-normal prior of sigma; the coordinate is its logarithm.
-        ratio = theta[-1] / study.people.prior_scale[0]
+        ratio = theta[-1] / study.template[-1]
         value += x[-1] - 0.5 * ratio * ratio
         gradient[-1] = theta[-1] * slope[-1] * temperature + 1.0 - ratio * ratio
     for row in range(len(plan.start)):

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import cache
 from threading import Event
 from typing import Any
 
@@ -34,6 +35,9 @@ HEADER = 14
 theta, distinct people + 1, their runs, people, quadrature nodes."""
 ARRAYS = 21
 """Entries of the address table: sizes first, then one address an array."""
+
+MOST_STATES = 6
+"""Numbers of states up to which a callback is compiled for that number alone."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -108,13 +112,11 @@ _EXPAND = types.int64(
 )
 
 
-@kernel_callback(_LOGP)
-def _logp(dimension, x_, gradient_, value_, user_data):  # type: ignore[no-untyped-def]
-    table = numba.carray(user_data, (HEADER + ARRAYS,), np.int64)
-    n = table[0]
+@numba.njit(inline="always")
+def _pieces(table):  # type: ignore[no-untyped-def]
+    """What every model has, from the table of addresses."""
     sizes = (table[1], table[2], table[3], table[4])
     nodes, rows, full, learned, theta = table[5], table[6], table[7], table[8], table[9]
-    edges, runs, persons, points = table[10], table[11], table[12], table[13]
     at = table[HEADER:]
     tree = TreeArrays(
         _ints(at[0], nodes), _ints(at[1], nodes), _ints(at[2], nodes), _ints(at[3], nodes), _floats(at[4], nodes)
@@ -122,38 +124,86 @@ def _logp(dimension, x_, gradient_, value_, user_data):  # type: ignore[no-untyp
     plan = RowPlan(
         _ints(at[7], rows), _ints(at[8], rows), _ints(at[9], rows), _ints(at[10], rows), _ints(at[11], rows)
     )
-    people = PeopleArrays(
-        _ints(at[14], edges), _ints(at[15], runs), _floats(at[16], persons), _floats(at[17], points),
-        _floats(at[18], points), _floats(at[19], sizes[3] if points > 0 else 0), _floats(at[20], 1),
-    )  # fmt: skip
-    study = StudyArrays(
+    return (
         tree, sizes, _ints(at[5], sizes[1]), _ints(at[6], full), plan, _floats(at[12], learned),
-        _floats(at[13], theta), people,
+        _floats(at[13], theta),
     )  # fmt: skip
-    x = numba.carray(x_, (n,))
-    gradient = numba.carray(gradient_, (n,))
-    value = numba.carray(value_, (1,))
-    value[0] = log_density(x, gradient, study, 1.0)
-    if not np.isfinite(value[0]):
+
+
+@numba.njit(inline="always")
+def _status(value, gradient):  # type: ignore[no-untyped-def]
+    """What nutpie is told: 0, or that value or gradient is not a number."""
+    if not np.isfinite(value):
         return 4
-    for i in range(n):
+    for i in range(len(gradient)):
         if not np.isfinite(gradient[i]):
             return 3
     return 0
 
 
-@kernel_callback(_EXPAND)
-def _expand(dimension, expanded, x_, out_, user_data):  # type: ignore[no-untyped-def]
-    x = numba.carray(x_, (dimension,))
-    out = numba.carray(out_, (dimension,))
-    for i in range(dimension):
-        out[i] = x[i]
-    return 0
+@cache
+def _plain_logp(states: int) -> Any:
+    """Callback of the plain model, compiled for its number of states (any number, from `MOST_STATES` on)."""
+    unit = (0,) * states if states <= MOST_STATES else ()
+
+    @kernel_callback(_LOGP)
+    def logp(dimension, x_, gradient_, value_, user_data):  # type: ignore[no-untyped-def]
+        table = numba.carray(user_data, (HEADER + ARRAYS,), np.int64)
+        x, gradient = numba.carray(x_, (table[0],)), numba.carray(gradient_, (table[0],))
+        value = numba.carray(value_, (1,))
+        tree, sizes, emission_index, entry, plan, alpha, template = _pieces(table)
+        study = StudyArrays(tree, sizes, emission_index, entry, plan, alpha, template, (), unit)
+        value[0] = log_density(x, gradient, study, 1.0)
+        return _status(value[0], gradient)
+
+    return logp
+
+
+@cache
+def _people_logp() -> Any:
+    """Callback of the hierarchical model."""
+
+    @kernel_callback(_LOGP)
+    def logp(dimension, x_, gradient_, value_, user_data):  # type: ignore[no-untyped-def]
+        table = numba.carray(user_data, (HEADER + ARRAYS,), np.int64)
+        x, gradient = numba.carray(x_, (table[0],)), numba.carray(gradient_, (table[0],))
+        value = numba.carray(value_, (1,))
+        tree, sizes, emission_index, entry, plan, alpha, template = _pieces(table)
+        edges, runs, persons, points = table[10], table[11], table[12], table[13]
+        at = table[HEADER:]
+        people = PeopleArrays(
+            _ints(at[14], edges), _ints(at[15], runs), _floats(at[16], persons), _floats(at[17], points),
+            _floats(at[18], points), _floats(at[19], sizes[3]), _floats(at[20], 1),
+        )  # fmt: skip
+        study = StudyArrays(tree, sizes, emission_index, entry, plan, alpha, template, people, ())
+        value[0] = log_density(x, gradient, study, 1.0)
+        return _status(value[0], gradient)
+
+    return logp
+
+
+def callback_of(density: HmmDensity) -> Any:
+    """The compiled callback a density needs."""
+    return _people_logp() if density.people_differ else _plain_logp(density.layout.n_states)
+
+
+@cache
+def _expand() -> Any:
+    @kernel_callback(_EXPAND)
+    def expand(dimension, expanded, x_, out_, user_data):  # type: ignore[no-untyped-def]
+        x = numba.carray(x_, (dimension,))
+        out = numba.carray(out_, (dimension,))
+        for i in range(dimension):
+            out[i] = x[i]
+        return 0
+
+    return expand
 
 
 def address_table(density: HmmDensity) -> tuple[NDArray[np.int64], tuple[NDArray, ...]]:
     """Sizes and addresses for the callbacks, and the arrays that must outlive them."""
     study = density.arrays
+    people = density.people
     arrays = (
         *study.tree,
         study.emission_index,
@@ -161,9 +211,8 @@ def address_table(density: HmmDensity) -> tuple[NDArray[np.int64], tuple[NDArray
         *study.plan,
         study.alpha,
         study.template,
-        *study.people,
+        *people,
     )
-    people = study.people
     header = (
         density.dimension, *study.sizes, density.tree.n_nodes, len(study.plan.start), len(study.entry),
         len(study.alpha), len(study.template), len(people.offset), len(people.node), len(people.weight),
@@ -201,8 +250,8 @@ def _model(density: HmmDensity) -> Any:
             variables = _lib.PyVariable.new_variables(
                 ["x"], ["float64"], [(dimension,)], sizes, {"x": ["coordinate"]}
             )
-            logp = _lib.LogpFunc(_logp.address, table.ctypes.data, self)
-            expand = _lib.ExpandFunc(dimension, dimension, _expand.address, table.ctypes.data, self)
+            logp = _lib.LogpFunc(callback_of(density).address, table.ctypes.data, self)
+            expand = _lib.ExpandFunc(dimension, dimension, _expand().address, table.ctypes.data, self)
             model = _lib.PyMcModel(
                 logp, expand, variables, dimension, sizes, {"coordinate": pd.RangeIndex(dimension)},
                 density.starting_point, lambda *a, **k: None,
@@ -290,6 +339,7 @@ def sample(
 
         return sample_chain(density, chain, settings, update if progress is not None else None, stop)
 
+    callback_of(density), _expand()  # compiled once, before threads ask for them
     pool = ThreadPoolExecutor(max_workers=max(1, min(len(missing), os.cpu_count() or 1)))
     try:
         futures = {pool.submit(run, c): c for c in missing}

@@ -31,7 +31,7 @@ def test_the_callback_is_the_density(states, pins):
     pointer = ctypes.POINTER(ctypes.c_double)
     for _ in range(3):
         x, gradient, value = rng.normal(size=density.dimension), np.empty(density.dimension), np.empty(1)
-        status = nuts._logp.ctypes(
+        status = nuts.callback_of(density).ctypes(
             density.dimension, *(a.ctypes.data_as(pointer) for a in (x, gradient, value)), table.ctypes.data
         )
         wanted, slope = density(x)
@@ -39,7 +39,7 @@ def test_the_callback_is_the_density(states, pins):
         assert value[0] + density.constant == pytest.approx(wanted, rel=1e-14)
         assert np.array_equal(gradient, slope)
     x[0] = np.nan
-    assert nuts._logp.ctypes(
+    assert nuts.callback_of(density).ctypes(
         density.dimension, *(a.ctypes.data_as(pointer) for a in (x, gradient, value)), table.ctypes.data
     ) in (3, 4)
 

@@ -143,10 +143,14 @@ def _gate_quantities(
 
 def _sample_pymc(study: StudyDensity, sampler: NutsSettings) -> tuple[Array, dict[str, NDArray]]:
     import pymc as pm
+    from pymc.model.transform.optimization import freeze_dims_and_data
 
     from models.bayesian_hmm import learned_vector, model_of  # loads PyMC, which the direct engine does without
 
-    with model_of(study):
+    # Shapes and data as constants, and no checks of parameters that cannot leave their range: less to compile.
+    model = freeze_dims_and_data(model_of(study))
+    model.check_bounds = False
+    with model:
         trace = pm.sample(
             sampler.draws, tune=sampler.tune, chains=sampler.chains, random_seed=sampler.seed, progressbar=False,
             nuts={"target_accept": sampler.target_accept}, compute_convergence_checks=False,

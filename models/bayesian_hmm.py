@@ -20,6 +20,7 @@ from models.lspomdp import default_state_names
 from models.parameters import STICKY, Array, DirichletPrior, checked_pins
 from models.person_offset import PersonOffset
 from models.posterior import SPREAD
+from models.simplex_op import rows_transform
 from models.study_density import ModelSpec, StudyDensity
 
 
@@ -89,12 +90,13 @@ def model_of(study: StudyDensity) -> pm.Model:
             return alpha, dims
         return np.broadcast_to(alpha, (n, *alpha.shape)), ("group", *dims)
 
+    rows = rows_transform(spec.states)
     with pm.Model(coords=coords) as model:
         alpha, dims = own("initial", a_initial, "state")
-        initial = pm.Dirichlet("initial", alpha, dims=dims)
+        initial = pm.Dirichlet("initial", alpha, dims=dims, default_transform=rows)
         if not held:
             alpha, dims = own("transition", a_transition, "action", "state", "state_next")
-            transition = pm.Dirichlet("transition", alpha, dims=dims)
+            transition = pm.Dirichlet("transition", alpha, dims=dims, default_transform=rows)
         else:
             transition = _with_pins(study, held, free, own)
         if protocol.n_responses == 2:
@@ -103,10 +105,14 @@ def model_of(study: StudyDensity) -> pm.Model:
             high = pm.Beta(
                 f"{protocol.response_names[top]}_probability", alpha[..., top], alpha[..., 1 - top], dims=dims[:-1]
             )
-            emission = pt.stack([1 - high, high] if top == 1 else [high, 1 - high], axis=-1)
+            up = np.arange(2) == top
+            # One elementwise operation; stacking takes several, each to be compiled.
+            emission = np.where(up, 0.0, 1.0) + np.where(up, 1.0, -1.0) * high[..., None]
         else:
             alpha, dims = own("emission", a_emission, "emission_action", "state", "response")
-            emission = pm.Dirichlet("emission", alpha, dims=dims)
+            emission = pm.Dirichlet(
+                "emission", alpha, dims=dims, default_transform=rows_transform(protocol.n_responses)
+            )
         spread = None if spec.people is None else pm.HalfNormal(SPREAD, spec.people.scale)
         value = log_likelihood(
             density.tree, study.layout,
@@ -160,7 +166,9 @@ def _with_pins(study, held, free, own):  # type: ignore[no-untyped-def]
     if free:
         index = [protocol.action(a) for a in free]
         alpha, dims = own("transition", a_transition[index], "learned_action", "state", "state_next")
-        learned = pm.Dirichlet("transition_learned", alpha, dims=dims)
+        learned = pm.Dirichlet(
+            "transition_learned", alpha, dims=dims, default_transform=rows_transform(study.spec.states)
+        )
         tables.update({a: learned[..., i, :, :] for i, a in enumerate(free)})
     stacked = pt.stack([tables[a] for a in protocol.action_names], axis=-3)
     dims = ("action", "state", "state_next")

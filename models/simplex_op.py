@@ -124,7 +124,7 @@ class RowsTransform(SimplexTransform):
         value = pt.as_tensor(value)
         width = value.type.shape[-1]
         lead = [value.shape[i] for i in range(value.ndim - 1)]
-        p, log_jacobian = SimplexRows()(value.reshape((-1, width)))
+        p, log_jacobian = SimplexRows().make_node(value.reshape((-1, width))).outputs
         if not lead:
             return p[0], log_jacobian[0]
         return p.reshape((*lead, width + 1)), log_jacobian.reshape(lead)

@@ -19,7 +19,8 @@ COMMANDS = [
     if line.startswith("prosocial")
 ]
 NEEDS_MORE = (
-    "report", "bench", "import", "em ", "bayes", "compare", "calibrate", "recover", "anova", "mixed-model", "contraction"
+    "report", "bench", "import", "em ", "bayes", "compare", "calibrate", "recover", "anova", "mixed-model",
+    "contraction",
 )  # fmt: skip
 """Commands with tests of their own, or that want a file of the reader's."""
 

@@ -60,8 +60,8 @@ def blocks(context: ReportContext, result: PeopleStudy) -> tuple[Block, ...]:
     intro = (
         "In the model above all people share the tables, and differ only in the state they are in. Here each "
         "person also has an offset of their own on the log-odds of helping, which never changes (a random "
-        "intercept, integrated out); with one state, that is all there is. A trait that stays and a state that hardly "
-        "moves look alike in short runs."
+        "intercept, integrated out); with one state, that is all there is. A trait that stays and a state that "
+        "hardly moves look alike in short runs."
     )
     made: list[Block] = [Text(intro), Text(result.sentence)]
     made += [Text(spread_sentence(pair.hierarchical)) for pair in result.pairs]

@@ -21,8 +21,9 @@ report: env ## The whole report on the bundled data, into reports/build (OUT=fol
 	$(BIN)/prosocial report --out $(OUT) $(ARGS)
 
 # Each command replaces its file when it is done, so that an interruption leaves the last evidence in place.
-evidence: env ## Make anew the stored evidence, calibration and recovery (half an hour on two cores)
+evidence: env ## Make anew the stored evidence, calibration and recovery (an hour on two cores)
 	$(BIN)/prosocial calibrate --states 2,3 --replicates 200,100 --out reports/evidence/calibration.json
+	$(BIN)/prosocial calibrate --people-differ --replicates 100 --out reports/evidence/calibration_people.json
 	$(BIN)/prosocial recover --states 1-5 --select --replicates 50 --out reports/evidence/recovery.json
 
 notebooks: env ## Run every notebook and store its output
@@ -59,7 +60,7 @@ bench: ## Measure the workbench against its peers (ARGS=name for one)
 # Hashes only: no address of any package index gets into a lock file.
 COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.12 --generate-hashes --no-header pyproject.toml
 lock: env ## Pin anew what pyproject.toml asks for (ARGS=--upgrade for newer versions)
-	$(COMPILE) --all-extras --group dev --group build --output-file requirements.lock $(ARGS)
+	$(COMPILE) --extra pdf --group dev --group build --output-file requirements.lock $(ARGS)
 	$(COMPILE) --group build --group bench --constraints requirements.lock --override .ci/bench-overrides.txt --output-file requirements-bench.lock $(ARGS)
 
 clean: ## Remove what runs leave behind: built reports, compiled kernels, tools' caches

@@ -25,6 +25,7 @@ def build() -> typer.Typer:
     import typer
 
     from analysis import (
+        cli_anova,
         cli_bayes,
         cli_bench,
         cli_calibrate,
@@ -32,6 +33,8 @@ def build() -> typer.Typer:
         cli_data,
         cli_em,
         cli_fits,
+        cli_glmm,
+        cli_power,
         cli_recover,
         cli_report,
     )
@@ -53,6 +56,9 @@ def build() -> typer.Typer:
     app.command("recover")(cli_recover.recover_command)
     app.add_typer(cli_fits.fits, name="fits")
     app.command("compare")(cli_compare.compare_command)
+    app.command("glmm")(cli_glmm.glmm_command)
+    app.command("anova")(cli_anova.anova_command)
+    app.add_typer(cli_power.power, name="power")
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)
     return app

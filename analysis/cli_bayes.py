@@ -28,7 +28,7 @@ def bayes_command(
     data: DataArgument,
     condition: ConditionOption = None,
     states: Annotated[int, typer.Option(min=1, max=12, help="Number of states.")] = 4,
-    kappa: Annotated[float, typer.Option(min=0, help="Stickiness: pseudo-counts on staying.")] = 2.0,
+    kappa: Annotated[float, typer.Option(min=0, max=1e6, help="Stickiness: pseudo-counts on staying.")] = 2.0,
     draws: Annotated[int, typer.Option(min=4, help="Draws a chain after tuning.")] = 1000,
     tune: Annotated[int, typer.Option(min=50, help="Tuning draws a chain.")] = 1000,
     chains: Annotated[int, typer.Option(min=1, help="Chains.")] = 4,
@@ -49,8 +49,9 @@ def bayes_command(
         str | None, typer.Option(metavar="BY", help="Tables differ by condition, or FILE.csv:COLUMN of people.")
     ] = None,
     differ: Annotated[
-        str, typer.Option(metavar="TABLES", help="Which: initial, transition, emission; not all three.")
-    ] = "initial",
+        str | None,
+        typer.Option(metavar="TABLES", help="Which: initial (the default), transition, emission; not all three."),
+    ] = None,
     out: Annotated[str | None, typer.Option("--out", metavar="FIT.nc", help="Write the fit as netCDF.")] = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -73,6 +74,7 @@ def bayes_command(
     from analysis.grouping import groups_from
     from analysis.people import spread_sentence
     from analysis.study_selection import select
+    from analysis.uncertainty import contraction
     from models.errors import located
     from models.nuts import NutsSettings
     from models.parameters import DirichletPrior
@@ -94,22 +96,27 @@ def bayes_command(
     people = None
     if people_differ:
         people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale, person_nodes)
-    groups = None if group is None else groups_from(group, differ, chosen.log)
+    if differ is not None and group is None:
+        raise located("--differ", differ, "--group with it: there are no groups otherwise")
+    groups = None if group is None else groups_from(group, differ or "initial", chosen.log)
     with progress.shown(quiet) as watch:
         try:
             stored = stored_fit(
                 chosen.log, digest, states, prior=DirichletPrior(stay=kappa), pins=dict.fromkeys(chosen.pins),
                 groups=groups, people=people, engine=cast("Engine", engine), sampler=sampler, progress=watch,
             )  # fmt: skip
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt("completed chains are kept, the same command goes on") from None
+        except KeyboardInterrupt as stop:
+            kept = (
+                "completed chains are kept, the same command goes on" if engine == "direct" else "nothing is kept"
+            )
+            raise KeyboardInterrupt(*(stop.args or (kept,))) from None
     fit = stored.posterior
     if out is not None:
         write_posterior(fit, out, {"data": data, "data_digest": digest, "key": stored.key})
     report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
     report.say("Found in the store." if stored.reused else f"Sampled in {fit.sampling_seconds:.1f} s.")
     report.say(fit.gate.sentence)
-    report.say(fit.sentence)
+    report.say(contraction(fit).sentence)
     if people is not None:
         report.say(spread_sentence(fit))
     report.say(fit.summary().to_string(float_format=lambda v: f"{v:.3f}"))
@@ -129,6 +136,8 @@ def bayes_command(
 
 def posterior_to_dict(fit: Posterior) -> dict[str, Any]:
     """Diagnostics, contraction and summary as the command's JSON gives them."""
+    from analysis.uncertainty import contraction
+
     table = fit.summary()
     gate = fit.gate
     return {
@@ -144,5 +153,5 @@ def posterior_to_dict(fit: Posterior) -> dict[str, Any]:
             entry: {name: row[name] for name in ("mean", "sd", "q05", "q50", "q95")}
             for entry, row in table.to_dict("index").items()
         },
-        "sentence": fit.sentence,
+        "sentence": contraction(fit).sentence,
     }

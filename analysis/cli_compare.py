@@ -54,8 +54,18 @@ def compare_command(
         ),
     ] = None,
     people_differ: Annotated[
-        bool, typer.Option("--people-differ", help="Also the hierarchical version of every model.")
+        bool,
+        typer.Option(
+            "--people-differ",
+            help="Also the hierarchical version of every model; with --held-out of none and of the fewest states.",
+        ),
     ] = False,
+    person_scale: Annotated[
+        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
+    ] = None,
+    person_nodes: Annotated[
+        int | None, typer.Option(metavar="N", help="Quadrature nodes over the offsets; by the data if not given.")
+    ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Less work: ranks models, does not settle close calls.")
     ] = (False),
@@ -67,7 +77,7 @@ def compare_command(
     """Compare numbers of states with each other and with models that need no latent state.
 
     With --held-out each part of the study is also left out in turn, and its response rates are predicted from the
-    rest.
+    rest, also by a logistic mixed model.
 
     Example: prosocial compare simulated_study1 --states 1-5 --held-out condition --json reports/build/compare.json
     """
@@ -92,6 +102,12 @@ def compare_command(
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin, default_states="1-5")
     settings = CompareSettings.of(quick, folds=folds, seed=seed)
     prior = DirichletPrior(stay=kappa)
+    for option, given in (("--person-scale", person_scale), ("--person-nodes", person_nodes)):
+        if given is not None and not people_differ:
+            raise located(option, given, "--people-differ with it: there is no offset otherwise")
+    people = None
+    if people_differ:
+        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale, person_nodes)
     digest = datasets.log_digest(chosen.log)
     if leave_out is not None:
         if leave_out not in BY:
@@ -102,15 +118,15 @@ def compare_command(
     started = (time.process_time(), time.perf_counter())
     with progress.shown(quiet) as watch:
 
-        def fitted(log: EventLog, k: int, held: Mapping[str, Array | None]) -> Posterior:
+        def fitted(
+            log: EventLog, k: int, held: Mapping[str, Array | None], offsets: PersonOffset | None
+        ) -> Posterior:
             return stored_fit(
-                log, datasets.log_digest(log), k, prior=prior, pins=held, sampler=settings.sampler
-            ).posterior  # fmt: skip
-
-        def learn(k: int, held: Mapping[str, Array | None], people: PersonOffset | None) -> Posterior:
-            return stored_fit(
-                chosen.log, digest, k, prior=prior, pins=held, people=people, sampler=settings.sampler
+                log, datasets.log_digest(log), k, prior=prior, pins=held, people=offsets, sampler=settings.sampler
             ).posterior
+
+        def learn(k: int, held: Mapping[str, Array | None], offsets: PersonOffset | None) -> Posterior:
+            return fitted(chosen.log, k, held, offsets)
 
         pins = dict.fromkeys(chosen.pins)
         result = compare(
@@ -118,7 +134,7 @@ def compare_command(
             chosen.states,
             pins=pins,
             prior=prior,
-            people=PersonOffset() if people_differ else None,
+            people=people,
             settings=settings,
             learn=learn,
             progress=watch,
@@ -126,8 +142,9 @@ def compare_command(
         left_out = None
         if leave_out is not None:
             contenders = standard_contenders(
-                chosen.log, chosen.states, types=settings.types, pins=pins, prior=prior, fitter=fitted, seed=seed
-            )
+                chosen.log, chosen.states, types=settings.types, pins=pins, prior=prior, fitter=fitted,
+                people=people, seed=seed,
+            )  # fmt: skip
             left_out = held_out(
                 chosen.log, contenders, leave_out, seed=seed, kind=chosen.dataset.card.kind, progress=watch
             )
@@ -148,6 +165,7 @@ def compare_command(
         {
             "data": data, "kind": chosen.dataset.card.kind, "digest": digest, "conditions": chosen.conditions,
             "pins": chosen.pins, "states": chosen.states, "kappa": kappa, "folds": folds, "quick": quick,
+            "people_differ": None if people is None else people.to_dict(),
             "seed": seed, "people": result.people, "responses": result.responses, "choices": result.choices(),
             "indistinct": result.indistinct(), "table": result.table.to_dict("records"),
             "sentence": result.sentence, "warnings": result.warnings, "cpu_seconds": cpu, "seconds": wall,
@@ -163,5 +181,6 @@ def held_out_to_dict(result: HeldOut) -> dict[str, Any]:
         "actions_may_answer_responses": result.answering,
         "ranking": result.ranking.to_dict("records"), "scores": result.scores.to_dict("records"),
         "rows": result.rates.to_dict("records"), "skipped": [list(pair) for pair in result.skipped],
+        "absent": [list(pair) for pair in result.absent],
         "sentence": result.sentence, "warnings": result.warnings,
     }  # fmt: skip

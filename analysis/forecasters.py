@@ -14,12 +14,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import InputError
 from models.events import EventLog
 from models.joint_predictive import LogPredictive
 from models.parameters import Array
 
 Gap = tuple[str, NDArray[np.bool_]]
 """What was never seen, in words, and which events of a design it concerns."""
+
+
+class CannotTakePart(InputError):
+    """A contender cannot learn from the rest of a study; the message says why."""
 
 
 class Forecaster(Protocol):
@@ -31,7 +36,11 @@ class Forecaster(Protocol):
 
     @property
     def gate(self) -> str:
-        """``passed`` or ``failed`` (convergence of a sample), ``exact`` (independent draws)."""
+        """``passed`` or ``failed`` (convergence of a sample or a fit), ``exact`` (independent draws)."""
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why what it learned is not to be relied on as it stands, in words; empty if nothing speaks against it."""
 
     def expected(self, design: EventLog) -> Array:
         """Expected response value at every event under every draw, ``[draw, event]``, in the unit of the measure.
@@ -58,9 +67,10 @@ class Contender:
     ----------
     name : str
     kind : str
-        ``constant``, ``markov``, ``types``, ``states``, or a kind of one's own.
+        ``constant``, ``markov``, ``types``, ``mixed``, ``states``; ``traits`` and ``people`` where people differ,
+        without and with states; or a kind of one's own.
     learn : callable
-        From the rest of a study to a `Forecaster`.
+        From the rest of a study to a `Forecaster`; raises `CannotTakePart` where it cannot.
     """
 
     name: str

@@ -19,7 +19,7 @@ import pandas as pd
 
 from analysis import response_rates as rates
 from analysis.credible import LEVEL, interval
-from analysis.forecasters import Contender, Forecaster
+from analysis.forecasters import CannotTakePart, Contender, Forecaster
 from analysis.held_out_cells import (
     OVERALL,
     ROUND,
@@ -32,7 +32,7 @@ from analysis.held_out_cells import (
 )
 from analysis.held_out_scores import crps, ranking
 from analysis.randomised_arms import arms
-from models.errors import located
+from models.errors import Phrase, located
 from models.events import EventLog
 from models.histories import UNSEEN
 from models.parameters import Array
@@ -65,11 +65,13 @@ class HeldOut:
         ``error`` : expected less observed, ``inside`` : whether the observed rate is in the predictive interval,
         ``crps`` : of the predictive distribution at the observed rate, in the unit of the measure; smaller is
         better, and for a prediction without doubt it is the absolute error,
-        ``prior`` : what of the prediction is the prior because the rest never showed it; empty if nothing.
+        ``prior`` : what of the prediction is the prior, or assumed, because the rest never showed it; empty if
+        nothing.
     scores : DataFrame
         One row a cell and contender: ``cell, contender, kind, people, people_learned, runs_unused, log_score,
         log_score_error`` (joint log predictive of the people left out, with its Monte Carlo error), ``by_person``
-        (sum over them of each one's own, as `ranking` uses it), ``gate``.
+        (sum over them of each one's own, as `ranking` uses it), ``gate``, ``doubts`` (why what was learned is not
+        to be relied on, in words).
     person_scores : mapping of contender to float64[person]
         Log predictive of each person left out, cells in order.
     skipped : tuple of (cell, reason)
@@ -87,6 +89,8 @@ class HeldOut:
     answering : bool
         Whether actions vary within a condition, so that they may answer to responses. Then they tell about the
         responses that were left out, and a prediction from them is not blind.
+    absent : tuple of (contender, reason)
+        Who could not learn from the rest of at least one cell, and so takes no part.
     """
 
     by: str
@@ -101,6 +105,7 @@ class HeldOut:
     draws: int
     seed: int
     answering: bool = False
+    absent: tuple[tuple[str, str], ...] = ()
 
     @property
     def cells(self) -> list[str]:
@@ -175,7 +180,7 @@ def held_out(
     ------
     InputError
         If fewer than two cells exist or none can be predicted, on an unknown `by`, fewer than 20 draws, a level
-        outside (0, 1), no contender, or two of one name.
+        outside (0, 1), no contender, two of one name, or if no contender can take part.
     """
     if not 0 < level < 1:
         raise located("held out, level", level, "between 0 and 1")
@@ -189,10 +194,20 @@ def held_out(
     total, done = len(cells) * len(contenders), 0
     rows, scores = [], []
     people: dict[str, list[Array]] = {name: [] for name in names}
+    absent: dict[str, str] = {}
     for number, cell in enumerate(cells):
         for contender in contenders:
             tell("predicting what was left out", done, total)
-            forecaster = contender.learn(cell.rest)
+            done += 1
+            if contender.name in absent:
+                continue
+            try:
+                forecaster = contender.learn(cell.rest)
+            except CannotTakePart as error:
+                # Scores are sums over cells, so whoever cannot predict one of them cannot be compared.
+                absent[contender.name] = f"where {cell.name} is left out, {error}"
+                del people[contender.name]
+                continue
             frame = predicted(cell, forecaster, number, level, draws, seed)
             frame.insert(0, "cell", cell.name)
             frame.insert(3, "contender", contender.name)
@@ -206,16 +221,24 @@ def held_out(
                     "people": cell.held.n_participants, "people_learned": cell.rest.n_participants,
                     "runs_unused": cell.unused, "log_score": found.joint, "log_score_error": found.error,
                     "by_person": float(found.by_person.sum()), "gate": forecaster.gate,
+                    "doubts": "; ".join(forecaster.doubts),
                 }
             )  # fmt: skip
-            done += 1
     tell("predicting what was left out", done, total)
+    if not people:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in absent.items())
+        raise located("held out, contenders", Phrase(reasons), "at least one that can learn from the rest")
     return HeldOut(
-        by, pd.concat(rows, ignore_index=True), pd.DataFrame(scores),
+        by, _of(pd.concat(rows, ignore_index=True), people), _of(pd.DataFrame(scores), people),
         {name: np.concatenate(values) for name, values in people.items()}, tuple(skipped), level,
         rates.measure_name(log.protocol), rates.is_share(log.protocol), kind, draws, seed,
-        bool((arms(log) == VARIES).any()),
+        bool((arms(log) == VARIES).any()), tuple(absent.items()),
     )  # fmt: skip
+
+
+def _of(frame: pd.DataFrame, people: dict[str, list[Array]]) -> pd.DataFrame:
+    """Rows of contenders that took part to the end."""
+    return frame[frame["contender"].isin(list(people))].reset_index(drop=True)
 
 
 def predicted(cell: Cell, forecaster: Forecaster, number: int, level: float, draws: int, seed: int) -> pd.DataFrame:

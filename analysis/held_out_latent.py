@@ -15,12 +15,13 @@ from models.events import EventLog
 from models.joint_predictive import LETTING_IN, LogPredictive, latent_log_predictive
 from models.model_draws import ModelDraws
 from models.parameters import Array, DirichletPrior, Layout
+from models.person_offset import PersonOffset
 from models.posterior import TABLES, Posterior
 from models.simulation import simulate_responses
 from models.smc import SmcSettings
 
-Fitter = Callable[[EventLog, int, Mapping[str, Array | None]], Posterior]
-"""Log, number of states and pins to a posterior."""
+Fitter = Callable[[EventLog, int, Mapping[str, Array | None], PersonOffset | None], Posterior]
+"""Log, number of states, pins, and the offsets where people differ, to a posterior."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class LatentForecaster:
     def gate(self) -> str:
         """Whether its sample passed the convergence gate."""
         return "passed" if self.posterior.gate.passed else "failed"
+
+    @property
+    def doubts(self) -> list[str]:
+        """The gate, in words."""
+        return [] if self.posterior.gate.passed else ["the posterior sample missed the convergence gate"]
 
     def expected(self, design: EventLog) -> Array:
         r"""Mean over state paths, :math:`b_0^\top (\prod_{j<k} T(a_j)) O(a_k) v`; ``[draw, event]``."""
@@ -113,7 +119,7 @@ def latent(
     """A latent-state model as a contender."""
 
     def learn(rest: EventLog) -> LatentForecaster:
-        posterior = fitter(rest, states, pins)
+        posterior = fitter(rest, states, pins, None)
         return LatentForecaster(posterior, rest, posterior.draws().thin(draws), prior, pins, moves)
 
     return Contender(name, kind, learn)

@@ -62,6 +62,11 @@ class CountingForecaster:
         """Draws are independent."""
         return "exact"
 
+    @property
+    def doubts(self) -> list[str]:
+        """None: counts have a closed form."""
+        return []
+
     def expected(self, design: EventLog) -> Array:
         """Mean over everything that may have been recorded before; ``[draw, event]``."""
         value = rates.value_of_response(design.protocol)

@@ -25,6 +25,7 @@ def sentence(result: HeldOut) -> str:
         f"Each of {number} was left out in turn and predicted from the rest, without any response of the people "
         "left out.",
         _log_score(result), _closest(result), _inside(result), _largest_miss(result), _prior(result),
+        _absent(result),
         f"With {number} this tells contenders apart on this study, not on the next.",
     ]  # fmt: skip
     if result.answering:
@@ -40,6 +41,7 @@ def sentence(result: HeldOut) -> str:
 def warnings(result: HeldOut) -> list[str]:
     """What is missing, what is the prior, what is not to be relied on."""
     out = [f"{name} was not left out: {reason}" for name, reason in result.skipped]
+    out += [f"the {name} takes no part: {reason}" for name, reason in result.absent]
     unused = result.scores.drop_duplicates("cell")
     out += [
         f"{row.cell}: {counted(row.runs_unused, 'run')} of its people under other designs are used neither for "
@@ -49,10 +51,8 @@ def warnings(result: HeldOut) -> list[str]:
     ]
     flagged = result.overall[result.overall["prior"] != ""]
     out += [f"{row.cell}, {row.contender}: {row.prior}" for row in flagged.itertuples()]
-    out += [
-        f"{row.cell}, {row.contender}: the posterior sample missed the convergence gate"
-        for row in result.scores[result.scores["gate"] == "failed"].itertuples()
-    ]
+    doubtful = result.scores[result.scores["doubts"] != ""]
+    out += [f"{row.cell}, {row.contender}: {row.doubts}" for row in doubtful.itertuples()]
     return out
 
 
@@ -119,6 +119,10 @@ def _largest_miss(result: HeldOut) -> str:
         f"({rate(result, worst['low'])} to {rate(result, worst['high'])}), observed "
         f"{rate(result, worst['observed'])}, {where} the interval."
     )
+
+
+def _absent(result: HeldOut) -> str:
+    return " ".join(f"No prediction by the {name}: {reason}." for name, reason in result.absent)
 
 
 def _prior(result: HeldOut) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.stats import ks_2samp
 
 from analysis.credible import LEVEL, interval
 from analysis.model_criteria import alike, loo_by_person
@@ -28,20 +29,33 @@ NODE_TOLERANCE = 0.1
 """Nats that twice the quadrature nodes may change the log-likelihood by before a warning."""
 
 KNOWN = 0.25
-"""Contraction of sigma below which it is called its prior."""
+"""Contraction of sigma below which it is not called known."""
+
+MOVED = 0.15
+"""Largest difference between the distributions of prior and posterior at which they are called the same."""
 
 Learn = Callable[[int, PersonOffset | None], Posterior]
 
 
 def spread_sentence(posterior: Posterior) -> str:
     """How much people differ, how sure that is, and whether quadrature and prior were up to it."""
-    draws = posterior.table(SPREAD)
+    draws, before = posterior.table(SPREAD), posterior.table(SPREAD, "prior")
     low, high = interval(draws, LEVEL)
     contraction = float(posterior.contraction()[SPREAD])
+    moved = float(ks_2samp(draws, before).statistic)
+    if contraction >= KNOWN:
+        against = ""
+    elif moved < MOVED:
+        against = ", so this is its prior"
+    else:
+        against = (
+            f": no narrower than its prior, but moved from a median of {np.median(before):.2f}, so the data say "
+            "something and do not settle it"
+        )
     text = (
         f"Standard deviation of people's log-odds of helping at {counted(posterior.n_states, 'state')}: median "
-        f"{np.median(draws):.2f}, {LEVEL:.0%} interval {low:.2f} to {high:.2f} (contraction {contraction:.2f}"
-        + (", so this is mostly its prior)" if contraction < KNOWN else ")")
+        f"{np.median(draws):.2f}, {LEVEL:.0%} interval {low:.2f} to {high:.2f} (contraction "
+        f"{contraction:.2f}{against})"
     )
     return ". ".join([text, *spread_warnings(posterior)]) + "."
 

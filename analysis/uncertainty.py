@@ -28,6 +28,9 @@ from models.posterior import Posterior
 KNOWN, PARTLY, UNKNOWN = 0.75, 0.25, 0.1
 """Median contraction from which a table is called known, partly known; below the last it *is* the prior."""
 
+HALF = 0.5
+"""Contraction from which an entry is named although its tables as a whole are mostly prior."""
+
 EVERYONE = "average at the start"
 """In the column ``state`` of contrasts: the mean over the initial belief."""
 
@@ -82,6 +85,10 @@ class Contraction:
         else:
             verdict = "the data determine the transition tables"
         text = f"{where} {verdict}: median contraction {_two(median)}"
+        moves = self.table.loc[self.table["table"].str.startswith("moves"), "contraction"].dropna()
+        known = int((moves > HALF).sum())
+        if median < PARTLY and known:
+            text += f", though {known} of {len(moves)} entries are above {_two(HALF)}"
         responses = self.by_table[self.by_table.index.str.startswith("responses: ")]["median"]
         told = [f"{_two(v)} under '{spoken(name.removeprefix('responses: '))}'" for name, v in responses.items()]
         return f"{text} (response tables: {', '.join(told)})." if told else f"{text}."
@@ -107,7 +114,9 @@ def contraction(posterior: Posterior, level: float = LEVEL) -> Contraction:
 
 def _table_of(name: str) -> str:
     """The table of an entry such as ``transition[help,s0,s1]``."""
-    kind, _, rest = name.partition("[")
+    kind, bracket, rest = name.partition("[")
+    if not bracket:  # a number of its own, such as the standard deviation of people's offsets
+        return spoken(name)
     if kind == "initial":
         return "initial"
     return f"{'moves' if kind == 'transition' else 'responses'}: {rest.split(',')[0]}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.draw_kernels import constrained
-from models.errors import located
+from models.errors import Phrase, located
 from models.events import EventLog
 from models.fit_tree import build_tree, canonical_tables
 from models.gate import convergence_gate
@@ -77,7 +78,8 @@ def fit(
         would then be wrong).
     """
     sampler = sampler or NutsSettings()
-    spec = ModelSpec(states, prior, checked_pins(Layout(log.protocol, states), pins or {}), groups, people)
+    spec = ModelSpec(states, prior, {} if pins is None else pins, groups, people)
+    spec = replace(spec, pins=checked_pins(Layout(log.protocol, spec.states), spec.pins))
     study = StudyDensity(log, spec)
     study.check_labels_are_free()
     if engine == "direct" and find_spec("nutpie") is None:
@@ -96,6 +98,9 @@ def fit(
     else:
         raise located("engine", engine, "direct or pymc")
     seconds = time.perf_counter() - started[1]
+    if not np.isfinite(theta).all():
+        raise located("posterior draws", Phrase("numbers that are not finite"), "finite draws: nothing is stored")
+    stats["lp"] = stats["lp"] + (study.density.constant if engine == "direct" else 0.0)
     posterior = canonical_tables(study, theta)
     rng = np.random.default_rng(np.random.SeedSequence(sampler.seed, spawn_key=(PRIOR_STREAM, states)))
     prior_theta = constrained(study.density, prior_particles(study.density, PRIOR_DRAWS, rng))
@@ -156,6 +161,9 @@ def _sample_pymc(study: StudyDensity, sampler: NutsSettings) -> tuple[Array, dic
             nuts={"target_accept": sampler.target_accept}, compute_convergence_checks=False,
         )  # fmt: skip
     theta = learned_vector(study, trace["posterior"].to_dataset())
+    if theta.shape[:2] != (sampler.chains, sampler.draws) or not np.isfinite(theta).all():
+        # The samplers behind PyMC swallow Ctrl-C and hand back what they have.
+        raise KeyboardInterrupt("nothing of engine pymc is kept: the run starts anew")
     own = trace["sample_stats"].to_dataset()
     # nutpie and PyMC's own sampler call the log-posterior by different names.
     names = {"diverging": ("diverging",), "n_steps": ("n_steps",), "energy": ("energy",), "lp": ("logp", "lp")}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import threading
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,11 @@ from typing import Any
 import numba
 
 _HERE = Path(__file__).resolve().parent
+
+_FOLDER_LOCK = threading.RLock()
+
+SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+"""How every kernel is compiled; fast-math is off, so sums keep their order and results are the same bit for bit."""
 
 # Every import statement of the house is absolute (a test sees to it), so lines of text are enough: parsing all
 # sources would cost each command more than the rest of its start.
@@ -40,14 +46,14 @@ def kernel_digest(*modules: str) -> str:
     ModuleNotFoundError
         If a module is not in this checkout.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(repr(SETTINGS).encode())
     for path in kernel_sources(*modules):
         digest.update(path.relative_to(_HERE.parent).as_posix().encode() + b"\0" + _text(path).encode() + b"\0")
     return digest.hexdigest()[:16]
 
 
 def kernel_sources(*modules: str) -> list[Path]:
-    """Files with kernels that modules reach through imports, those inside functions included, and this file."""
+    """Files with kernels that modules reach through imports, those inside functions included."""
     if not modules:
         found = set(_HERE.rglob("*.py"))
     else:
@@ -60,7 +66,7 @@ def kernel_sources(*modules: str) -> list[Path]:
             if path is not None and path not in found:
                 found.add(path)
                 left += _imported(path)
-    return sorted({Path(__file__).resolve(), *(path for path in found if _KERNEL.search(_text(path)))})
+    return sorted(path for path in found if _KERNEL.search(_text(path)))
 
 
 @cache
@@ -97,13 +103,8 @@ def cache_folder(*modules: str) -> Path:
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`numba.njit` with the house's settings: cached, GIL released, numpy's error model.
-
-    Fast-math is off: sums keep their order, so results are reproducible bit for bit.
-    """
-    settings: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", **options}
-
-    return _cached(numba.njit(**settings), function)
+    """`numba.njit` with the house's `SETTINGS`: cached, GIL released, numpy's error model."""
+    return _cached(numba.njit(**{**SETTINGS, **options}), function)
 
 
 def kernel_callback(signature: Any) -> Any:
@@ -115,12 +116,14 @@ def _cached(compile_with: Callable[..., Any], function: Callable[..., Any] | Non
     def decorate(target: Callable[..., Any]) -> Any:
         # A kernel of a script or notebook has no file in the checkout: it may call any other.
         known = (target.__module__,) if _source(target.__module__) else ()
-        # numba reads the folder while decorating; other users of numba in the process keep theirs.
-        before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        numba.config.CACHE_DIR = str(cache_folder(*known))  # type: ignore[attr-defined]
-        try:
-            return compile_with(target)
-        finally:
-            numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+        # numba reads the folder while decorating; other users of numba in the process keep theirs. One thread at a
+        # time: another one would take our folder for theirs, and leave it behind.
+        with _FOLDER_LOCK:
+            before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+            numba.config.CACHE_DIR = str(cache_folder(*known))  # type: ignore[attr-defined]
+            try:
+                return compile_with(target)
+            finally:
+                numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
     return decorate if function is None else decorate(function)

@@ -79,6 +79,8 @@ def convergence_gate(draws: NDArray[np.float64], names: list[str], divergences: 
         # A quantity that is not a number is kept, so that it shuts the gate.
         varies = ~(np.ptp(draws.reshape(-1, draws.shape[-1]), axis=0) <= 1e-14)
     kept = [n for n, ok in zip(names, varies, strict=True) if ok]
+    if not kept:
+        return Gate(int(divergences), float("nan"), float("nan"), float("nan"), "nothing varies")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tree = az.from_dict({"posterior": {"q": draws[..., varies]}})

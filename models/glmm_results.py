@@ -180,6 +180,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         ends[positions] = profile_intervals(self._likelihood(), self.maximum, positions, alpha)
         return ends
 
+    @np.errstate(over="ignore")  # separated data: infinite ends are what is meant
     def odds_ratios(self, alpha: float = 0.05, method: str = "wald") -> pd.DataFrame:
         """Odds ratios for one and the same group: exponentials of the fixed effects, with intervals.
 

@@ -60,9 +60,10 @@ class Groups:
             raise located(f"groups by {self.by}", list(self.labels), "at least two groups")
         if len(set(self.labels)) != len(self.labels):
             raise located(f"groups by {self.by}, labels", list(self.labels), "labels that differ")
+        outside = (self.run_group < 0) | (self.run_group >= len(self.labels))
+        if np.any(outside):
+            raise located(f"groups by {self.by}", int(self.run_group[outside][0]), f"0..{len(self.labels) - 1}")
         used = np.bincount(self.run_group, minlength=len(self.labels))
-        if len(used) != len(self.labels) or np.any(self.run_group < 0):
-            raise located(f"groups by {self.by}", int(self.run_group.max()), f"0..{len(self.labels) - 1}")
         if np.any(used == 0):
             empty = self.labels[int(np.flatnonzero(used == 0)[0])]
             raise located(f"groups by {self.by}, runs in group {empty}", 0, "at least one")
@@ -93,7 +94,7 @@ class Groups:
             On a participant without a value, or fewer than two values.
         """
         people = np.unique(log.participant)
-        absent = [int(p) for p in people if int(p) not in value]
+        absent = [int(p) for p in people if _nothing(value.get(int(p)))]
         if absent:
             raise InputError(
                 f"groups by {name}: participant {absent[0]} has no value"
@@ -231,3 +232,8 @@ class GroupedLayout(Layout):
     def free_entries(self, pins: Mapping[str, Array]) -> NDArray[np.bool_]:
         """Which learned entries may move when the transition tables of `pins` are held in every group."""
         return self.tied(self.base.free_entries(pins)).astype(bool)
+
+
+def _nothing(value: object) -> bool:
+    """Whether a covariate has no value: None, not a number, or empty text."""
+    return value is None or value != value or not str(value).strip()

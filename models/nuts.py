@@ -64,6 +64,7 @@ class NutsSettings:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
                 raise located(f"sampling, {name}", value, f"an integer of at least {low}")
+            object.__setattr__(self, name, int(value))  # numpy's integers do not go into settings files
         if not 0.5 <= self.target_accept < 1:
             raise located("sampling, target_accept", self.target_accept, "a number from 0.5 to below 1")
 

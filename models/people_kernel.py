@@ -73,7 +73,9 @@ def tilt(emission, scores, spread, z):  # type: ignore[no-untyped-def]
                         largest = max(largest, spread * z[q] * scores[o])
                 total = 0.0
                 for o in range(responses):
-                    out[e, s, o, q] = emission[e, s, o] * np.exp(spread * z[q] * scores[o] - largest)
+                    out[e, s, o, q] = 0.0  # not zero times an overflow
+                    if emission[e, s, o] > 0.0:
+                        out[e, s, o, q] = emission[e, s, o] * np.exp(spread * z[q] * scores[o] - largest)
                     total += out[e, s, o, q]
                 for o in range(responses):
                     out[e, s, o, q] /= total

@@ -47,10 +47,12 @@ class PersonOffset:
     nodes: int | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.scale, bool) or not (np.isfinite(self.scale) and self.scale > 0):
-            raise located("person offset, scale of the prior", self.scale, "a positive number")
+        if isinstance(self.scale, bool) or not (0 < self.scale <= 1e3):
+            raise located("person offset, scale of the prior", self.scale, "a positive number up to 1000")
         if self.nodes is not None and not (isinstance(self.nodes, int | np.integer) and 3 <= self.nodes <= 1001):
             raise located("person offset, nodes", self.nodes, "an integer from 3 to 1001")
+        if self.nodes is not None:
+            object.__setattr__(self, "nodes", int(self.nodes))
 
     def points(self, log: EventLog) -> int:
         """Number of nodes for a log."""

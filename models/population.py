@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
-from models.errors import located
+from models.errors import InputError, located
+from models.event_rules import one_of
 from models.model_draws import ModelDraws
 from models.parameters import Array
 from models.person_offset import quadrature
@@ -18,12 +19,13 @@ from models.posterior import SPREAD, TABLES, Posterior
 
 
 def offsets(kinds: int) -> tuple[Array, Array]:
-    """Representative standardised offsets and their weights: equal shares of people, with variance one.
+    """Representative standardised offsets and their weights, with variance one.
 
     Parameters
     ----------
     kinds : int
-        How many kinds of people; 1 is the median person. From 15 on the trapezoid rule of the likelihood.
+        How many kinds of people, in equal shares; 1 is the median person. From 15 on the trapezoid rule of the
+        likelihood, whose kinds have normal weights.
     """
     if isinstance(kinds, bool) or not isinstance(kinds, int | np.integer) or kinds < 1:
         raise located("kinds of people", kinds, "an integer of at least 1")
@@ -51,6 +53,10 @@ def population(posterior: Posterior, kinds: int = 7) -> ModelDraws:
     ModelDraws
         With ``kinds * states`` states, named ``s0 (-1.5 sd)`` and so on, those of one kind of person together.
     """
+    if not posterior.people_differ:
+        raise InputError("people do not differ in this posterior: draws() is the whole population")
+    if posterior.groups:
+        raise InputError(f"tables differ between groups: pick one with of_group, {one_of(posterior.groups)}")
     z, weight = offsets(kinds)
     spread = posterior.table(SPREAD)
     initial, transition, emission = (posterior.table(name) for name in TABLES)

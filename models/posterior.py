@@ -187,16 +187,13 @@ class Posterior:
 
     @property
     def sentence(self) -> str:
-        """How much the data say about the transition tables, in one sentence."""
+        """Contraction of the transition tables in numbers (`analysis.uncertainty` has the verdict in words)."""
         c = self.contraction()
         moves = c[[n.startswith("transition") for n in self.entry_names]].dropna()
+        where = f"At {self.n_states} state{'s' * (self.n_states != 1)}"
         if moves.empty:
-            return f"At {self.n_states} states no transition table was learned: there was none to learn."
-        median = float(moves.median())
-        if median >= 0.75:
-            verdict = "the data speak clearly about the transition tables"
-        elif median >= 0.25:
-            verdict = "the data speak about part of the transition tables"
-        else:
-            verdict = "the transition tables are mostly the prior"
-        return f"At {self.n_states} states {verdict}: median contraction {median:.2f}."
+            return f"{where} no transition table was learned: there was none to learn."
+        return (
+            f"{where} the entries of the transition tables have a median contraction of {moves.median():.2f}, from "
+            f"{moves.min():.2f} to {moves.max():.2f}."
+        )

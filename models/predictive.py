@@ -116,10 +116,15 @@ def _draw_people(  # type: ignore[no-untyped-def]
             if recorded[event] == UNSEEN:
                 response[event] = UNSEEN
             else:
-                total = 0.0
+                total, largest = 0.0, -np.inf
                 plain = emission[g * tables + emission_index[action[event]], s]
                 for o in range(len(plain)):
-                    tilted[o] = plain[o] * np.exp(person_offset[run] * scores[o])
+                    if plain[o] > 0.0:
+                        largest = max(largest, person_offset[run] * scores[o])
+                for o in range(len(plain)):
+                    tilted[o] = 0.0
+                    if plain[o] > 0.0:
+                        tilted[o] = plain[o] * np.exp(person_offset[run] * scores[o] - largest)
                     total += tilted[o]
                 for o in range(len(plain)):
                     tilted[o] /= total

@@ -26,7 +26,7 @@ class SimplexRows(Op):
 
     __props__ = ()
 
-    def make_node(self, x: Any) -> Apply:
+    def make_node(self, x: Any) -> Apply:  # type: ignore[override]
         """Name the outputs."""
         x = pt.as_tensor_variable(x).astype("float64")
         rows, width = x.type.shape
@@ -47,7 +47,7 @@ class SimplexRows(Op):
             pt.zeros_like(output) if isinstance(cotangent.type, DisconnectedType) else cotangent
             for output, cotangent in zip(outputs, cotangents, strict=True)
         ]
-        return [SimplexRowsPullback()(outputs[0], *given)]
+        return SimplexRowsPullback().make_node(outputs[0], *given).outputs
 
 
 class SimplexRowsPullback(Op):
@@ -120,20 +120,21 @@ def _compiled_pullback(op: SimplexRowsPullback, node: Apply, **kwargs: Any) -> t
 class RowsTransform(SimplexTransform):
     """PyMC's simplex transform by `SimplexRows`; same coordinates, same density."""
 
-    def _both(self, value: Any) -> tuple[Variable, Variable]:
+    def _both(self, value: Any) -> tuple[Any, Any]:
         value = pt.as_tensor(value)
         width = value.type.shape[-1]
         lead = [value.shape[i] for i in range(value.ndim - 1)]
-        p, log_jacobian = SimplexRows().make_node(value.reshape((-1, width))).outputs
+        outputs: list[Any] = SimplexRows().make_node(value.reshape((-1, width))).outputs
+        p, log_jacobian = outputs
         if not lead:
             return p[0], log_jacobian[0]
         return p.reshape((*lead, width + 1)), log_jacobian.reshape(lead)
 
-    def backward(self, value: Any, *inputs: Any) -> Variable:
+    def backward(self, value: Any, *inputs: Any) -> Any:
         """Coordinates to probabilities."""
         return self._both(value)[0]
 
-    def log_jac_det(self, value: Any, *inputs: Any) -> Variable:
+    def log_jac_det(self, value: Any, *inputs: Any) -> Any:
         """Log-Jacobian of each row."""
         return self._both(value)[1]
 

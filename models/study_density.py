@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.draw_kernels import person_log_likelihoods
-from models.errors import InputError
+from models.errors import InputError, located
 from models.events import EventLog
 from models.groups import GroupedLayout, Groups
 from models.hmm_density import HmmDensity
@@ -43,6 +43,15 @@ class ModelSpec:
     pins: Mapping[str, Array | None] = field(default_factory=dict)
     groups: Groups | None = None
     people: PersonOffset | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.states, bool) or not isinstance(self.states, int | np.integer) or self.states < 1:
+            raise located("states", self.states, "an integer of at least 1")
+        if not isinstance(self.prior, DirichletPrior):
+            raise located("prior", type(self.prior).__name__, "a DirichletPrior, such as DirichletPrior(stay=2)")
+        if not isinstance(self.pins, Mapping):
+            raise located("pins", type(self.pins).__name__, "a mapping of actions to tables (None: the identity)")
+        object.__setattr__(self, "states", int(self.states))
 
     def to_dict(self) -> dict[str, Any]:
         """What identifies the model, for settings and keys of stored fits; options not used are left out."""

@@ -352,9 +352,10 @@ print(found.sentence, *found.warnings, sep="\n")
 print(spread_sentence(found.pairs[-1].hierarchical))
 
 # %% [markdown]
-# **How to read it.** Against one state, people who differ win easily; beside a second state they add nothing, and
-# $\sigma$ is its prior. Three responses a person cannot tell a trait that stays from a state that hardly moves.
-# **What not to conclude:** that people do not differ. The data cannot say.
+# **How to read it.** Against one state, people who differ win easily; beside a second state they add nothing to
+# prediction. These simulated people have *no* offsets, and still $\sigma$ lies higher than its prior and no narrower: with
+# three responses a person a state that hardly moves passes for a trait. **What not to conclude:** that people differ, or
+# that they do not. The data cannot say.
 
 # %%
 if real is not None and not FAST:

@@ -20,7 +20,7 @@ COMMANDS = [
 ]
 NEEDS_MORE = (
     "report", "bench", "import", "em ", "bayes", "compare", "calibrate", "recover", "anova", "mixed-model",
-    "contraction",
+    "contraction", "glmm",
 )  # fmt: skip
 """Commands with tests of their own, or that want a file of the reader's."""
 

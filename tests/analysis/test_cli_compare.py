@@ -61,7 +61,10 @@ def test_json_has_the_rows_and_the_sentence(capsys):
         "expected", "expected_low", "expected_high", "low", "high", "error", "inside", "crps", "prior",
     }  # fmt: skip
     assert wanted <= set(found["rows"][0])
-    assert {row["contender"] for row in found["rows"]} == {"constant", "first-order Markov", "2 types", "2 states"}
+    assert {row["contender"] for row in found["rows"]} == {
+        "constant", "first-order Markov", "2 types", "mixed model", "2 states"
+    }  # fmt: skip
+    assert found["absent"] == []
     assert {row["cell"] for row in found["rows"]} == {"help+signal", "no-help+signal"}
     assert {"log_score", "log_score_error", "by_person", "gate"} <= set(found["scores"][0])
     assert found["ranking"][0]["log_score_diff"] == 0
@@ -81,9 +84,32 @@ def test_without_the_option_nothing_is_left_out(capsys):
     assert json.loads(capsys.readouterr().out)["held_out"] is None
 
 
+@pytest.mark.slow
+def test_people_who_differ_are_left_out_too(capsys):
+    conditions = ("--condition", "help+signal", "--condition", "no-help+no-signal")
+    arguments = ("simulated_study1", *conditions, "--states", "2", "--people-differ", "--person-nodes", "15")
+    assert run(*arguments, "--folds", "2", "--held-out", "condition", "--json", "-") == 0
+    captured = capsys.readouterr()
+    content = json.loads(captured.out)
+    assert content["people_differ"] == {"scale": 1.5, "nodes": 15}
+    ranked = [row["contender"] for row in content["held_out"]["ranking"]]
+    assert {"people differ, no states", "2 states, people differ"} <= set(ranked)
+    # Whoever is helped is signalled to in both cells, so each is learned from one kind of robot only.
+    mixed = [row for row in content["held_out"]["rows"] if row["contender"] == "mixed model"]
+    assert {row["prior"] for row in mixed if row["part"] == "overall"} == {
+        "factor robot_help never varied in the rest: no effect is assumed; "
+        "factor signal never varied in the rest: no effect is assumed"
+    }
+    sentence = content["held_out"]["sentence"]
+    assert all(f"{name} by" in sentence or f"{name} is best" in sentence for name in ranked)
+    assert "no effect is assumed" in sentence
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--person-scale", "4"), "--person-scale: found 4.0, wanted --people-differ with it"),
+        (("--person-nodes", "21"), "--person-nodes: found 21, wanted --people-differ with it"),
         (
             ("--held-out", "people"),
             "--held-out: found 'people', wanted one of condition, schedule, condition",
@@ -110,12 +136,12 @@ def test_figures_are_the_same_bytes_every_time_and_show_what_is_the_prior(result
     assert to_svg(drawn(result.overall)) == to_svg(drawn(result.overall))
     labels = [tick.get_text() for tick in drawn(flagged).get_yticklabels()]
     assert labels[0] == "constant \N{DAGGER}"
-    assert labels[1:4] == ["first-order Markov", "2 types", "2 states"]
+    assert labels[1:5] == ["first-order Markov", "2 types", "mixed model", "2 states"]
     rows = result.by_round[result.by_round["cell"] == "help+signal"]
     ax = held_out_by_round(rows, shown="2 states", order=result.contenders, measure="help rate", limits=(0, 1))
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [*result.contenders, "observed"]
-    styles = {line.get_linestyle() for line in ax.get_lines()[:4]}
-    assert len(styles) == 4  # not by colour alone
+    markers = {line.get_marker() for line in ax.get_lines()[:5]}
+    assert len(markers) == 5  # not by colour alone
 
 
 def test_blocks_state_their_origin_and_say_everything(result):
@@ -125,6 +151,9 @@ def test_blocks_state_their_origin_and_say_everything(result):
     assert made[0].text == result.sentence
     figures = [b for b in shown if isinstance(b, Figure)]
     assert [len(f.panels) for f in figures] == [1, 4]
+    ranking = next(b for b in shown if isinstance(b, Table))
+    assert "an intercept for every person" in ranking.caption
+    assert "Where people differ" not in ranking.caption
     assert all("help+signal" in alt for alt in figures[0].alt)
     assert all(f.svgs() for f in figures)
 
@@ -137,10 +166,14 @@ def build(log, out, quick=False):
 
 def test_report_leaves_out_what_it_can(tmp_path, monkeypatch):
     monkeypatch.setattr(section, "MOST_SHOWN", 2)
+    monkeypatch.setattr(section, "DIFFERING_DRAWS", 100)
     made, text = build(random_log(CORRIDOR, people=40), tmp_path)
     assert made.omitted is None
     assert [f.key for f in made.figures] == ["held-out-condition", "held-out-condition-rounds"]
     assert "mean response score" in text
+    assert "2 states, people differ" in text or "people differ, no states" in text
+    assert "the mixed model takes no part" in text
+    assert "it is for two responses" in text
     assert "schedules are more than the 2 for which a report refits its models" in text
 
 

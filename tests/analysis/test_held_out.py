@@ -153,7 +153,7 @@ def test_what_came_earlier_in_a_run(case, seed):
 def test_rows_are_what_they_say(by):
     made = result(by)
     rows = made.rates
-    assert made.contenders == ["constant", "first-order Markov", "2 types", "2 states"]
+    assert made.contenders == ["constant", "first-order Markov", "2 types", "mixed model", "2 states"]
     assert (rows["low"] <= rows["expected_low"] + 0.02).all()
     assert (rows["high"] >= rows["expected_high"] - 0.02).all()
     assert np.allclose(rows["error"], rows["expected"] - rows["observed"])
@@ -209,6 +209,7 @@ class Coin:
     rest: object
     n_draws: int = 1
     gate: str = "exact"
+    doubts: tuple[str, ...] = ()
 
     def expected(self, design):
         return np.full((1, design.n_events), 0.5)
@@ -249,10 +250,10 @@ def test_words_follow_the_numbers():
     assert "say" not in made.sentence.split("The largest error")[0]
     simulated = HeldOut(**{**{k: getattr(made, k) for k in HeldOut.__dataclass_fields__}, "kind": "simulated"})
     assert simulated.sentence.endswith("The data are simulated, so this says nothing about people.")
-    failed = made.scores.assign(gate="failed")
+    failed = made.scores.assign(gate="failed", doubts="the posterior sample missed the convergence gate")
     bad = HeldOut(**{**{k: getattr(made, k) for k in HeldOut.__dataclass_fields__}, "scores": failed})
     assert "help+signal, 2 states: the posterior sample missed the convergence gate" in bad.warnings
-    assert bad.ranking["gate"].tolist() == ["failed (4)"] * 4
+    assert bad.ranking["gate"].tolist() == ["failed (4)"] * 5
     assert "Intervals that are right hold about 3.6 of 4 and 18 of 20." in text
     assert not made.answering
     assert "NOT BLIND" not in text

@@ -25,8 +25,8 @@ from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
 DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
-    "provenance", "study", "flow", "states", "model", "uncertainty", "held-out", "reward", "evidence",
-    "limits",
+    "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "reward",
+    "evidence", "limits",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -93,7 +93,7 @@ def test_every_section_is_there_in_order(bundled, page):
     places = [page.index(f'<section id="{key}"') for key in ALL_SECTIONS]
     assert places == sorted(places)
     assert all(f'href="#{key}"' in page for key in ALL_SECTIONS)
-    assert [s.key for s in bundled.sections if s.omitted] == ["held-out"]  # minutes of work, and this one is quick
+    assert [s.key for s in bundled.sections if s.omitted] == ["people", "held-out"]  # minutes of work
 
 
 @pytest.mark.parametrize("which", ["bundled", "general"])
@@ -137,7 +137,7 @@ def test_printed_numbers_stand_apart(bundled, page):
     cells = re.findall(r"<t[dh]([^>]*)>([^<]*)</t[dh]>", page)
     assert [attrs for attrs, text in cells if text == "−560.23"] == [' class="number printed"']
     columns = [t for s in bundled.sections for t in s.tables if t.printed]
-    assert {t.key for t in columns} == {"conditions", "criteria", "reward-values"}
+    assert {t.key for t in columns} == {"conditions", "criteria", "reward-values", "regression-sources"}
     assert all(Origin.PRINTED in t.origin for t in columns)
 
 
@@ -189,7 +189,7 @@ def test_general_protocol(general):
     text = general.html.read_text(encoding="utf-8")
     assert "mean response score" in text
     assert "help rate" not in text
-    assert {s.key: s.omitted for s in general.sections if s.omitted}.keys() == {"reward"}
+    assert {s.key: s.omitted for s in general.sections if s.omitted}.keys() == {"reward", "evidence", "regression"}
     assert "This section is left out." in text
     assert "protocol &#39;corridor&#39; has others" in text
     assert "with one state there is nothing to move between" in text

@@ -71,7 +71,7 @@ def blocks(result: Comparison, origin: Origin) -> tuple[Block, ...]:
     table = Table("comparison", frame, caption, (origin,), headings=HEADINGS, formats=FORMATS)
     made: list[Block] = [Text(result.sentence), table, figure(result, origin)]
     if result.warnings:
-        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand:"))
+        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand"))
     return tuple(made)
 
 

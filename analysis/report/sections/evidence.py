@@ -28,18 +28,23 @@ def make(context: ReportContext) -> tuple[Block, ...]:
             "calibration and recovery were studied for the published design, and this study has another"
         )
     intro = (
-        "Can the numbers above be trusted? Two studies of the method under the published design, with SIMULATED "
+        "Can the numbers above be trusted? Studies of the method under the published design, with SIMULATED "
         "people whose truth is known. They take too long to be repeated for every report, so these are stored "
         "results. They do not depend on the data of this report."
     )
     return (
         Text(intro, "warning"),
         Part("Is the doubt what it claims to be?", "calibration", _stored("calibration", _calibration)),
+        Part(
+            "Is it where people differ?",
+            "calibration-people",
+            _stored("calibration_people", _calibration, "calibration where people differ"),
+        ),
         Part("Is a known truth found again?", "recovery", _stored("recovery", _recovery)),
     )
 
 
-def _stored(name: str, show: Callable[[Evidence], tuple[Block, ...]]) -> tuple[Block, ...]:
+def _stored(name: str, show: Callable[[Evidence], tuple[Block, ...]], what: str | None = None) -> tuple[Block, ...]:
     def blocks() -> tuple[Block, ...]:
         found = read_evidence(name)
         if found is None:
@@ -47,13 +52,21 @@ def _stored(name: str, show: Callable[[Evidence], tuple[Block, ...]]) -> tuple[B
         made = Text(found.provenance, "warning" if found.stale else "note")
         return (Text(found.sentence), made, *show(found))
 
-    return attempt(f"evidence of {name}", blocks)
+    return attempt(f"evidence of {what or name}", blocks)
 
 
 # -- calibration -----------------------------------------------------------------------------------
 def _calibration(found: Evidence) -> tuple[Block, ...]:
     content = found.content
+    key = found.path.stem.replace("_", "-")
     largest = content["largest_rank"]
+    people = ""
+    if content["runs"][0]["settings"].get("people") is not None:
+        own = content["runs"][0]["settings"]
+        people = (
+            f" People differ by an offset, with {counted(own['runs_per_person'], 'run')} each; what is said of "
+            "states and actions is about the person in the middle."
+        )
     rows, statistics, panels, alt = [], [], [], []
     tests = sum(len(run["statistics"]) for run in content["runs"])
     for run in content["runs"]:
@@ -82,14 +95,14 @@ def _calibration(found: Evidence) -> tuple[Block, ...]:
             f"{lowest['statistic']}, p {lowest['p_uniform']:.2g}."
         )
     figure = Figure(
-        "calibration-ranks", tuple(panels),
+        f"{key}-ranks", tuple(panels),
         f"Ranks of simulated truths among {largest} posterior draws, one line a statistic: share of studies up to "
         "a rank, less what uniform ranks would have. All lines stay in the band with probability 99% where "
-        "posteriors are calibrated.",
+        f"posteriors are calibrated.{people}",
         tuple(alt), SIMULATED,
     )  # fmt: skip
     summary = Table(
-        "calibration-runs", pd.DataFrame(rows),
+        f"{key}-runs", pd.DataFrame(rows),
         "Calibration by number of states. Left out: studies whose sample did not reach the gate's effective sample "
         "size. Coverages are means over statistics.",
         SIMULATED, headings={"coverage_50": "50% intervals", "coverage_90": "90% intervals"},
@@ -99,14 +112,14 @@ def _calibration(found: Evidence) -> tuple[Block, ...]:
         ["states", "statistic", "mean_rank", "coverage_50", "coverage_90", "p_uniform"]
     ]
     details = Table(
-        "calibration-statistics", every,
+        f"{key}-statistics", every,
         "Every statistic: mean rank of the truth (.5 wanted), share of truths inside the central intervals, "
         "p-value of uniform ranks before any correction.",
         SIMULATED, headings={"mean_rank": "mean rank", "coverage_50": "in 50%", "coverage_90": "in 90%",
                              "p_uniform": "p, uniform"},
         formats=dict.fromkeys(("mean_rank", "coverage_50", "coverage_90", "p_uniform"), ".3f"), row_headings=2,
     )  # fmt: skip
-    return summary, figure, Part("Every statistic", "calibration-every", (details,), folded=True)
+    return summary, figure, Part("Every statistic", f"{key}-every", (details,), folded=True)
 
 
 def _p_columns(frame: pd.DataFrame) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,27 +15,38 @@ from analysis.fits import stored_fit
 from analysis.held_out import HeldOut, held_out
 from analysis.held_out_cells import cell_of_run, cells_of
 from analysis.held_out_contenders import standard_contenders
+from analysis.held_out_mixed import NAME
 from analysis.held_out_words import NOUNS
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Omitted, Origin, Part, Points, Table, Text
 from models.errors import InputError
 from models.events import EventLog
 from models.parameters import Array
+from models.person_offset import PersonOffset
 from models.posterior import Posterior
 from models.protocol import Protocol
 
 MOST_SHOWN = 12
 """Cells beyond which the report leaves nothing out: the command still does."""
 
+MOST_LINES = 7
+"""Models told apart by colour, line and marker in one plot; the best of them are shown round by round."""
+
+DIFFERING_DRAWS, TRAIT_DRAWS = 1500, 500
+"""Draws a chain where people differ, with states and without: beside states sigma mixes slowly."""
+
+DIFFERING_WORK = 60_000
+"""Nodes of the tree of histories x cells x quadrature nodes up to which people may differ: about a minute."""
+
 RANKING = {
     "contender": "model", "log_score_diff": "log score below best", "dse": "its standard error",
     "log_score": "log score", "log_score_error": "its Monte Carlo error", "error": "mean absolute error",
     "crps": "mean CRPS", "round_crps": "mean CRPS by round", "inside": "inside", "cells": "of",
-    "rounds_inside": "rounds inside", "rounds": "of ", "prior": "partly the prior", "gate": "sampling",
+    "rounds_inside": "rounds inside", "rounds": "of ", "prior": "partly not learned", "gate": "fit",
 }  # fmt: skip
 RATES = {
     "cell": "left out", "contender": "model", "people": "people", "observed": "observed", "expected": "predicted",
-    "low": "from", "high": "to", "error": "error", "inside": "inside", "crps": "CRPS", "prior": "what is the prior",
+    "low": "from", "high": "to", "error": "error", "inside": "inside", "crps": "CRPS", "prior": "prior or assumed",
 }  # fmt: skip
 
 
@@ -69,17 +81,26 @@ def _part(context: ReportContext, by: str, title: str) -> list[Block]:
     except InputError as error:
         return [Omitted(title, str(error))]
 
-    def fitter(rest: EventLog, k: int, held: Mapping[str, Array | None]) -> Posterior:
+    def fitter(rest: EventLog, k: int, held: Mapping[str, Array | None], people: PersonOffset | None) -> Posterior:
         sampler = context.effort.sampler(context.seed, main=False)
-        return stored_fit(rest, log_digest(rest), k, pins=held, sampler=sampler).posterior
+        if people is not None:
+            sampler = replace(sampler, draws=DIFFERING_DRAWS if k > 1 else TRAIT_DRAWS, tune=500)
+        return stored_fit(rest, log_digest(rest), k, pins=held, people=people, sampler=sampler).posterior
 
     contenders = standard_contenders(
-        log, context.shown_states, pins=dict.fromkeys(context.pins), fitter=fitter, seed=context.seed
-    )
+        log, context.shown_states, pins=dict.fromkeys(context.pins), fitter=fitter,
+        people=PersonOffset() if affordable(log, by) else None, seed=context.seed,
+    )  # fmt: skip
     result = held_out(
         log, contenders, by, seed=context.seed, kind=context.data.card.kind, progress=context.progress
     )
     return [Part(title, f"held-out-by-{by}", blocks(result, log.protocol, context.origin))]
+
+
+def affordable(log: EventLog, by: str) -> bool:
+    """Whether the hierarchical version is fitted for every cell: by condition, up to `DIFFERING_WORK`."""
+    cells = len(set(cell_of_run(log, by)))
+    return by == "condition" and log.tree().n_nodes * cells * PersonOffset().points(log) <= DIFFERING_WORK
 
 
 def blocks(result: HeldOut, protocol: Protocol, origin: Origin) -> tuple[Block, ...]:
@@ -96,7 +117,7 @@ def blocks(result: HeldOut, protocol: Protocol, origin: Origin) -> tuple[Block, 
     made: list[Block] = [Text(result.sentence), _ranking(result, origin), _figure(result, protocol, origin)]
     made += [_rounds(result, protocol, origin), _rates(result, origin)]
     if result.warnings:
-        made.append(Points(tuple(result.warnings), "What is missing, or not to be relied on as it stands:"))
+        made.append(Points(tuple(result.warnings), "What is missing, or not to be relied on as it stands"))
     return tuple(made)
 
 
@@ -107,6 +128,13 @@ def _ranking(result: HeldOut, origin: Origin) -> Table:
         f"smaller is better, in the unit of the {result.measure}. Inside: observed rates in the "
         f"{result.level:.0%} predictive interval."
     )
+    if NAME in result.contenders:
+        caption += (
+            " The mixed model is a logistic regression on the robot's behaviour with an intercept for every "
+            "person, by maximum likelihood; its doubt is the normal approximation with the model's covariance."
+        )
+    if set(result.scores["kind"]) & {"traits", "people"}:
+        caption += " Where people differ, each has an offset on the log-odds that all their responses share."
     formats = dict.fromkeys(("log_score", "log_score_diff", "dse"), ".1f") | {"log_score_error": ".2f"}
     formats |= dict.fromkeys(("error", "crps", "round_crps"), ".3f")
     formats |= dict.fromkeys(("inside", "cells", "rounds_inside", "rounds", "prior"), ",d")
@@ -143,14 +171,16 @@ def _figure(result: HeldOut, protocol: Protocol, origin: Origin) -> Figure:
         f"What each model predicts for a {result.by} that it has not seen, from the actions alone. The black line "
         "with its band is what was observed. Thin lines are predictive intervals of the observed rate, thick ones "
         "intervals of the expected rate, without chance. A filled marker means that the observed rate lies outside "
-        "the predictive interval; a dagger, that part of the prediction is the prior."
+        "the predictive interval; a dagger, that part of the prediction is the prior or assumed."
     )
     alt = f"Observed and predicted {result.measure} by {result.by} left out. {told}."
     return Figure(f"held-out-{result.by}", (draw,), caption, (alt,), (origin,))
 
 
 def _rounds(result: HeldOut, protocol: Protocol, origin: Origin) -> Figure:
-    table, best = result.by_round, str(result.ranking["contender"].iloc[0])
+    best = str(result.ranking["contender"].iloc[0])
+    order = [name for name in result.contenders if name in set(result.ranking["contender"].iloc[:MOST_LINES])]
+    table = result.by_round[result.by_round["contender"].isin(order)]
     values = table[["observed_low", "observed_high", "low", "high"]].to_numpy()
     ends = rates.measure_range(protocol)
     tenth = 0.1 * (ends[1] - ends[0])
@@ -163,7 +193,7 @@ def _rounds(result: HeldOut, protocol: Protocol, origin: Origin) -> Figure:
         mine = table[table["cell"] == cell]
         panels.append(
             partial(
-                held_out_by_round, mine, shown=best, order=result.contenders, measure=result.measure,
+                held_out_by_round, mine, shown=best, order=order, measure=result.measure,
                 limits=limits, title=cell if len(cell) <= 30 else f"{cell[:27]}...",
             )
         )  # fmt: skip
@@ -172,8 +202,9 @@ def _rounds(result: HeldOut, protocol: Protocol, origin: Origin) -> Figure:
             for r in mine[mine["contender"] == best].itertuples()
         )
         alts.append(f"{cell} left out: observed {result.measure}, in brackets expected by {best}: {told}.")
+    which = "each model" if len(order) == len(result.contenders) else f"each of the {len(order)} best models"
     caption = (
-        f"The same round by round: observed rates with {result.level:.0%} intervals, what each model expects, and "
+        f"The same round by round: observed rates with {result.level:.0%} intervals, what {which} expects, and "
         f"as a band the predictive interval of {best}, which has the best log score."
     )
     return Figure(f"held-out-{result.by}-rounds", tuple(panels), caption, tuple(alts), (origin,))

@@ -94,5 +94,5 @@ def blocks(context: ReportContext, result: PeopleStudy) -> tuple[Block, ...]:
         )
     )  # fmt: skip
     if result.warnings:
-        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand:"))
+        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand"))
     return tuple(made)

@@ -8,6 +8,9 @@ Some studies have a posterior in several pieces between which chains do not move
 gate's effective sample size, which a user is told. They are counted and left out of the tests. That is no
 cheating: given the data the truth is a draw from the posterior, so ranks stay uniform in any set of studies chosen
 by data and sampler alone. Ranks of all studies are kept in the result.
+
+Where people differ (`CalibrationSettings.people`) truths have a sigma too, and each person several runs: a person
+of the published design shows three responses, which hardly tell one who helps much from one in a helping state.
 """
 
 from __future__ import annotations
@@ -15,136 +18,26 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from threading import Event
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.calibration_statistics import quantities
-from analysis.rank_uniformity import FAMILY_WISE, bonferroni, examine, p_values, ranks_of
-from analysis.replicates import Progress, prior_draw, run_replicates, simulated_study
-from models.draw_kernels import constrained
+from analysis.calibration_replicate import LARGEST_RANK, CalibrationSettings, Replicate, run_replicate
+from analysis.rank_uniformity import FAMILY_WISE, bonferroni, examine, p_values
+from analysis.replicates import Progress, run_replicates
+from analysis.wording import counted
 from models.errors import located
-from models.events import EventLog
-from models.gate import MIN_ESS, convergence_gate
-from models.hmm_density import HmmDensity
-from models.lspomdp import LatentStatePOMDP
-from models.nuts import NutsSettings, sample_chain
-from models.parameters import STICKY, DirichletPrior, Layout
-from models.protocol import PUBLISHED
-
-STREAM = 7_201
-"""First element of the spawn keys of replicates; number of states and replicate follow."""
+from models.gate import MIN_ESS
 
 BLUR_STREAM = 7_202
 """First element of the spawn key that blurs ranks for the test."""
 
-LARGEST_RANK = 99
-"""Draws each truth is ranked among, thinned from the whole sample."""
-
-MAX_DOUBLINGS = 4
-"""How often a sample is made anew with twice the draws, while its smallest ESS is below the gate's."""
-
 MAX_SHORT = 0.05
 """Largest share of samples that may stay too short."""
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """One calibration: how many truths at one number of states, and how each posterior is sampled.
-
-    Attributes
-    ----------
-    states, replicates, participants : int
-    prior : DirichletPrior
-        Truths are drawn from it and posteriors start from it.
-    sampler : NutsSettings
-        Its seed is not used: every replicate has its own.
-    seed : int
-    """
-
-    states: int
-    replicates: int
-    participants: int = 540
-    prior: DirichletPrior = STICKY
-    sampler: NutsSettings = field(default_factory=lambda: NutsSettings(draws=1000, tune=500, chains=2))
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        for name, low in (("states", 1), ("replicates", 1), ("participants", 1), ("seed", 0)):
-            if getattr(self, name) < low:
-                raise located(f"calibration, {name}", getattr(self, name), f"an integer of at least {low}")
-
-
-@dataclass(frozen=True)
-class Replicate:
-    """One truth among the draws of its posterior.
-
-    Attributes
-    ----------
-    names : list of str
-    ranks : int64[statistic]
-        In 0..`LARGEST_RANK`.
-    draws : int
-        Draws a chain, after any doubling.
-    min_ess, max_rhat : float
-        Over the statistics.
-    divergences : int
-    """
-
-    names: list[str]
-    ranks: NDArray[np.int64]
-    draws: int
-    min_ess: float
-    max_rhat: float
-    divergences: int
-
-    @property
-    def long_enough(self) -> bool:
-        """Whether the smallest effective sample size passes the gate."""
-        return self.min_ess > MIN_ESS
-
-
-def run_replicate(settings: CalibrationSettings, index: int, *, stop: Event | None = None) -> Replicate:
-    """Draw a truth, simulate its study, sample the posterior, rank the truth. Depends on its arguments only."""
-    key = (STREAM, settings.states, index)
-    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=key))
-    layout = Layout(PUBLISHED, settings.states)
-    truth = prior_draw(layout, settings.prior, rng)
-    log = simulated_study(truth, settings.participants, "simulated_calibration", rng)
-    return rank_truth(truth, log, settings, rng, stop)
-
-
-def rank_truth(
-    truth: LatentStatePOMDP,
-    log: EventLog,
-    settings: CalibrationSettings,
-    rng: np.random.Generator,
-    stop: Event | None = None,
-) -> Replicate:
-    """Sample the posterior of a study and rank its truth; setting `stop` ends it with `CancelledError`."""
-    layout = Layout(log.protocol, settings.states)
-    alpha = 1.0 + settings.prior.pseudo_counts(layout)
-    density = HmmDensity(log.tree(), layout, alpha, {})
-    seed, own = int(rng.integers(2**31)), settings.sampler
-    for doubling in range(MAX_DOUBLINGS + 1):
-        sampler = NutsSettings(own.draws * 2**doubling, own.tune, own.chains, seed, own.target_accept)
-        chains = [sample_chain(density, c, sampler, stop=stop) for c in range(sampler.chains)]
-        theta = constrained(density, np.stack([c.x for c in chains]))
-        names, values = quantities(log, layout, alpha, theta)
-        divergences = int(sum(c.stats["diverging"].sum() for c in chains))
-        gate = convergence_gate(values, names, divergences)
-        if gate.min_ess_bulk > MIN_ESS:
-            break
-    pooled = values.reshape(-1, len(names))
-    kept = np.linspace(0, len(pooled) - 1, LARGEST_RANK).round().astype(np.int64)
-    at_truth = quantities(log, layout, alpha, layout.pack(truth.initial, truth.transition, truth.emission))[1]
-    ranks = ranks_of(at_truth, pooled[kept], rng)
-    return Replicate(names, ranks, sampler.draws, gate.min_ess_bulk, gate.max_rhat, gate.divergences)
 
 
 @dataclass(frozen=True)
@@ -189,10 +82,15 @@ class CalibrationRun:
         """How the sampling went."""
         own = self.settings
         longer = sum(r.draws > own.sampler.draws for r in self.replicates)
+        people, nodes = counted(own.participants, "person", "people"), ""
+        if own.people is not None:
+            people += f" who differ, {counted(own.runs_per_person, 'run')} each"
+            worst = max(r.node_check for r in self.replicates)
+            nodes = f"; twice the quadrature nodes change no study's log-likelihood by more than {worst:.2g} nats"
         return (
-            f"{own.states} states: {own.replicates} studies of {own.participants} people, {longer} sampled longer "
+            f"{counted(own.states, 'state')}: {own.replicates} studies of {people}, {longer} sampled longer "
             f"to reach an effective sample size of {MIN_ESS:.0f}, {self.n_short} that did not reach it and are "
-            f"left out, {sum(r.divergences for r in self.replicates)} divergent transitions in all."
+            f"left out, {sum(r.divergences for r in self.replicates)} divergent transitions in all{nodes}."
         )
 
 
@@ -247,7 +145,7 @@ class Calibration:
         p = self.p_values.to_numpy()
         row, column = np.unravel_index(np.argmin(p), p.shape)
         states, name = self.table.index[int(row)]
-        return f"{name} at {states} states, {self.p_values.columns[int(column)][2:].replace('_', ' ')}"
+        return f"{name} at {counted(states, 'state')}, {self.p_values.columns[int(column)][2:].replace('_', ' ')}"
 
     @property
     def sentence(self) -> str:
@@ -286,6 +184,7 @@ class Calibration:
                     "draws": [r.draws for r in run.replicates], "min_ess": [r.min_ess for r in run.replicates],
                     "max_rhat": [r.max_rhat for r in run.replicates],
                     "divergences": [r.divergences for r in run.replicates],
+                    "node_check": [r.node_check for r in run.replicates],
                 }
                 for run in self.runs
             ],

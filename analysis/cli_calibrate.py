@@ -9,13 +9,32 @@ import typer
 from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
 
+PUBLISHED_PEOPLE = 540
+DIFFERING_PEOPLE, DIFFERING_RUNS = 300, 3
+"""Where people differ each needs several runs for sigma to be learned, and a study costs more time."""
+
 
 def calibrate_command(
     states: Annotated[str, typer.Option(metavar="2,3", help="Numbers of states: 2, 2-3 or 2,3.")] = "2",
     replicates: Annotated[
         str, typer.Option(metavar="200,100", help="Simulated studies; one number, or one for each of the states.")
     ] = "200",
-    participants: Annotated[int, typer.Option(min=1, help="People in each simulated study.")] = 540,
+    participants: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help=f"People in each simulated study; {PUBLISHED_PEOPLE}, or {DIFFERING_PEOPLE} who differ."
+        ),
+    ] = None,
+    people_differ: Annotated[
+        bool, typer.Option("--people-differ", help="Hierarchical: each person has an offset on the log-odds.")
+    ] = False,
+    person_scale: Annotated[
+        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
+    ] = None,
+    runs_per_person: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="3", help="Runs of each person who differs, schedules drawn anew for each."),
+    ] = None,
     out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -26,12 +45,16 @@ def calibrate_command(
     Truths come from the prior, each with a simulated study and its posterior; ranks of the truths must be uniform.
 
     Example: prosocial calibrate --states 2,3 --replicates 200,100 --out calibration.json
+
+    People who differ: prosocial calibrate --people-differ --replicates 100 --out calibration_people.json
     """
     from analysis import progress
-    from analysis.calibration import CalibrationSettings, calibrate
+    from analysis.calibration import calibrate
+    from analysis.calibration_replicate import CalibrationSettings
     from analysis.em_study import parse_states
     from analysis.evidence import record
     from models.errors import located
+    from models.person_offset import PersonOffset
 
     report = begin_evidence(json, quiet, out)
     sizes = parse_states(states)
@@ -42,8 +65,18 @@ def calibrate_command(
         raise located(
             "--replicates", replicates, f"one positive number, or {len(sizes)}: one for each of the states"
         )
+    for option, given in (("--person-scale", person_scale), ("--runs-per-person", runs_per_person)):
+        if given is not None and not people_differ:
+            raise located(option, given, "--people-differ with it: there is no offset otherwise")
+    people, runs = None, 1
+    if people_differ:
+        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale)
+        runs = DIFFERING_RUNS if runs_per_person is None else runs_per_person
+    if participants is None:
+        participants = DIFFERING_PEOPLE if people_differ else PUBLISHED_PEOPLE
     settings = [
-        CalibrationSettings(k, n, participants=participants, seed=seed) for k, n in zip(sizes, counts, strict=True)
+        CalibrationSettings(k, n, participants, seed=seed, people=people, runs_per_person=runs)
+        for k, n in zip(sizes, counts, strict=True)
     ]
     with progress.shown(quiet) as watch:
         result = calibrate(settings, progress=watch)
@@ -51,7 +84,11 @@ def calibrate_command(
         f"prosocial calibrate --states {','.join(map(str, sizes))} --replicates {','.join(map(str, counts))} "
         f"--participants {participants} --seed {seed}"
     )
-    what = "Simulation-based calibration of the Bayesian model: simulated people, simulated truths."
+    model = "Bayesian model"
+    if people is not None:
+        command += f" --people-differ --person-scale {people.scale:g} --runs-per-person {runs}"
+        model += " where people differ"
+    what = f"Simulation-based calibration of the {model}: simulated people, simulated truths."
     content = record(what, command, seed, result.to_dict())
     report.say(result.sentence)
     for run in result.runs:

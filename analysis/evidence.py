@@ -1,15 +1,15 @@
 """Stored evidence: studies of the method that are too slow for a report, with what is needed to repeat them.
 
 A file ``reports/evidence/NAME.json`` holds a result with its command, date and seed, and with the digest of the
-compiled code and the versions it was made with. Evidence made by other code is *stale*: it may still hold, but
-nobody has looked, and whoever shows it says so.
+compiled code behind it and the versions it was made with. Evidence made by other code is *stale*: it may still
+hold, but nobody has looked, and whoever shows it says so.
 """
 
 from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,15 @@ from models.posterior_files import versions
 FOLDER = DATA_FOLDER.parent / "reports" / "evidence"
 """Where stored evidence lies."""
 
+ENGINE = ("models.baum_welch", "models.bootstrap", "models.fit_tree", "models.nuts", "models.smc")
+"""What calibration and recovery rest on, the direct engine: only kernels that these reach make them stale."""
+
 NEEDED = ("what", "command", "seed", "kernel_digest", "versions", "sentence")
 
 
-def record(what: str, command: str, seed: int, result: Mapping[str, Any]) -> dict[str, Any]:
+def record(
+    what: str, command: str, seed: int, result: Mapping[str, Any], modules: Sequence[str] = ENGINE
+) -> dict[str, Any]:
     """Put a result together with what is needed to repeat it, and to notice that code has changed since.
 
     Parameters
@@ -37,10 +42,12 @@ def record(what: str, command: str, seed: int, result: Mapping[str, Any]) -> dic
     seed : int
     result : mapping
         With its ``sentence``.
+    modules : sequence of str
+        What the result rests on (`models.compiled.kernel_digest`).
     """
     return {
         "what": what, "command": command, "date": datetime.date.today().isoformat(), "seed": seed,
-        "kernel_digest": kernel_digest(), "versions": versions(), **result,
+        "modules": list(modules), "kernel_digest": kernel_digest(*modules), "versions": versions(), **result,
     }  # fmt: skip
 
 
@@ -65,7 +72,11 @@ class Evidence:
     @property
     def changes(self) -> list[str]:
         """What is different now: compiled code, versions of packages. Empty if the evidence is up to date."""
-        then, now = self.content, kernel_digest()
+        then = self.content
+        try:
+            now = kernel_digest(*then.get("modules", ()))
+        except ModuleNotFoundError as error:
+            now = f"none ({error})"
         out = [] if then["kernel_digest"] == now else [f"compiled code {then['kernel_digest']}, now {now}"]
         for name, version in versions().items():
             before = then["versions"].get(name, "unknown")

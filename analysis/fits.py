@@ -7,9 +7,12 @@ A fit lies under the hash of model, prior, data digest, seed, sampler and versio
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +24,7 @@ from models.bayesian_fit import Engine, fit
 from models.compiled import kernel_digest
 from models.events import EventLog
 from models.groups import Groups
-from models.model_files import write_text
+from models.model_files import write_bytes, write_text
 from models.nuts import Chain, NutsSettings, Progress
 from models.parameters import STICKY, Array, DirichletPrior
 from models.person_offset import PersonOffset
@@ -102,20 +105,28 @@ def _chains(
     folder: Path, about: Mapping[str, Any]
 ) -> tuple[dict[int, Chain], Callable[[int, Chain], None], Callable[[], None]]:
     """Chains of an interrupted run, how to keep another one (saying what about), and how to clear them away."""
+    warned = False
 
     def keep(number: int, chain: Chain) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        if not (folder / ABOUT).is_file():
-            write_text(folder / ABOUT, json.dumps(about))
-        beside = folder / f".{number}.{os.getpid()}"
-        with beside.open("wb") as stream:
-            np.savez(stream, **{"x": chain.x, **chain.stats})  # type: ignore[arg-type]
-        beside.replace(folder / f"{number}.npz")
+        nonlocal warned
+        content = io.BytesIO()
+        np.savez(content, **{"x": chain.x, **chain.stats})  # type: ignore[arg-type]
+        try:
+            if not (folder / ABOUT).is_file():
+                write_text(folder / ABOUT, json.dumps(about))
+            write_bytes(folder / f"{number}.npz", content.getbuffer())
+        except OSError as error:
+            # The chain is still in memory: a full disk must not end the run that could do without it.
+            if not warned:
+                warned = True
+                reason = f"{folder}: {error.strerror or error}; an interruption would lose it"
+                warnings.warn(f"chain {number} could not be kept: {reason}", stacklevel=2)
 
     def forget() -> None:
-        if folder.is_dir():
+        # Another run of the same fit may be clearing the same folder, or writing into it.
+        with suppress(OSError):
             for path in folder.iterdir():
-                path.unlink()
+                path.unlink(missing_ok=True)
             folder.rmdir()
 
     done = {}
@@ -126,5 +137,5 @@ def _chains(
                     stats = {k: content[k] for k in content.files if k != "x"}
                     done[int(path.stem)] = Chain(content["x"], stats)
             except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-                path.unlink()  # damaged: this chain is sampled again
+                path.unlink(missing_ok=True)  # damaged: this chain is sampled again
     return done, keep, forget

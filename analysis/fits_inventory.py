@@ -19,6 +19,7 @@ import h5py
 
 from analysis import fits
 from models.compiled import kernel_digest
+from models.gate import Gate
 from models.posterior_files import SCHEMA, versions
 
 DAY = 86_400.0
@@ -33,6 +34,11 @@ STATUS = {
 """What an entry's status means."""
 
 USELESS = ("outdated", "damaged", "left over")
+
+UNREADABLE = (
+    OSError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RuntimeError
+)  # fmt: skip
+"""What reading a file of unexpected content raises; one such file must not hide the others."""
 
 LEFT_OVER_AFTER = 3600.0
 """Seconds after which a half-written file counts as left over: nobody writes that long."""
@@ -94,9 +100,10 @@ def _entry(path: Path) -> StoreEntry | None:
         latest = max((p.st_mtime for p in parts), default=stat.st_mtime)
         about = _read_about(path) | {"chains_done": len(list(path.glob("*.npz")))}
         return StoreEntry(path, path.stem, "interrupted", sum(p.st_size for p in parts), latest, about)
-    if not path.is_file() or path.suffix != ".nc":
+    hidden = path.name.startswith(".")
+    if not path.is_file() or (".nc" not in path.suffixes if hidden else path.suffix != ".nc"):
         return None
-    if path.name.startswith("."):
+    if hidden:
         if time.time() - stat.st_mtime < LEFT_OVER_AFTER:
             return None
         return StoreEntry(path, path.name.split(".")[1], "left over", stat.st_size, stat.st_mtime)
@@ -106,33 +113,34 @@ def _entry(path: Path) -> StoreEntry | None:
             sampled = file["posterior/transition"].shape[:2]
         settings, provenance = json.loads(attributes["settings"]), json.loads(attributes["provenance"])
         gate, made_with = json.loads(attributes["gate"]), json.loads(attributes["versions"])
-    except (OSError, KeyError, ValueError):
+        about = _described({**settings, **provenance}) | {
+            "gate": Gate(**gate).passed, "divergences": gate["divergences"], "max_rhat": gate["max_rhat"],
+            "chains": int(sampled[0]), "draws": int(sampled[1]),
+        }  # fmt: skip
+        current = (attributes["schema"], made_with, provenance.get("kernels")) == (
+            SCHEMA, versions(), kernel_digest(),
+        )  # fmt: skip
+        status = "ready" if current else "outdated"
+    except UNREADABLE:
         return StoreEntry(path, path.stem, "damaged", stat.st_size, stat.st_mtime)
-    about = _described({**settings, **provenance}) | {
-        "gate": not _shut(gate), "divergences": gate.get("divergences"), "max_rhat": gate.get("max_rhat"),
-        "chains": int(sampled[0]), "draws": int(sampled[1]),
-    }  # fmt: skip
-    current = (attributes.get("schema"), made_with, provenance.get("kernels")) == (
-        SCHEMA, versions(), kernel_digest(),
-    )  # fmt: skip
-    return StoreEntry(path, path.stem, "ready" if current else "outdated", stat.st_size, stat.st_mtime, about)
-
-
-def _shut(gate: dict[str, Any]) -> bool:
-    from models.gate import Gate
-
-    return not Gate(**gate).passed
+    return StoreEntry(path, path.stem, status, stat.st_size, stat.st_mtime, about)
 
 
 def _read_about(folder: Path) -> dict[str, Any]:
     try:
         return _described(json.loads((folder / fits.ABOUT).read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+    except UNREADABLE:
         return {}
 
 
+KINDS: dict[str, Any] = {
+    "study": str | None, "engine": str, "kappa": int | float | None, "pins": list, "groups": str | None,
+    "hierarchical": bool, **dict.fromkeys(("states", "draws", "tune", "chains", "seed"), int),
+}  # fmt: skip
+
+
 def _described(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a fit as they are listed."""
+    """The settings of a fit as they are listed; TypeError where one is of another kind than a fit's."""
     sampler, prior = settings.get("sampler") or {}, settings.get("prior") or {}
     known = {
         "study": settings.get("study"), "states": settings.get("states"), "kappa": prior.get("stay"),
@@ -140,6 +148,9 @@ def _described(settings: dict[str, Any]) -> dict[str, Any]:
         "groups": (settings.get("groups") or {}).get("by"), "hierarchical": bool(settings.get("people")),
         **{name: sampler.get(name) for name in ("draws", "tune", "chains", "seed")},
     }  # fmt: skip
+    for name, value in known.items():
+        if not isinstance(value, KINDS[name]):
+            raise TypeError(f"{name}: {type(value).__name__}")
     return {name: value for name, value in known.items() if value is not None}
 
 

@@ -13,8 +13,11 @@ import numpy as np
 
 from analysis.design import study1_design
 from models.events import EventLog
+from models.histories import UNSEEN
 from models.lspomdp import LatentStatePOMDP
 from models.parameters import DirichletPrior, Layout
+from models.person_offset import PersonOffset
+from models.predictive import FullTables, predictive_responses
 from models.simulation import simulate_responses
 
 Progress = Callable[[str, int, int], None]
@@ -35,7 +38,20 @@ def prior_draw(layout: Layout, prior: DirichletPrior, rng: np.random.Generator) 
     return LatentStatePOMDP(*layout.unpack(theta), layout.protocol)
 
 
-def simulated_study(truth: LatentStatePOMDP, participants: int, study: str, rng: np.random.Generator) -> EventLog:
+def prior_spread(people: PersonOffset, rng: np.random.Generator) -> float:
+    """Draw sigma, the standard deviation of people's offsets, from its half-normal prior; in log-odds."""
+    return float(people.scale * np.abs(rng.standard_normal()))
+
+
+def simulated_study(
+    truth: LatentStatePOMDP,
+    participants: int,
+    study: str,
+    rng: np.random.Generator,
+    *,
+    runs: int = 1,
+    spread: float | None = None,
+) -> EventLog:
     """Draw a study of the published design, and the responses of its people under a truth.
 
     Parameters
@@ -46,9 +62,54 @@ def simulated_study(truth: LatentStatePOMDP, participants: int, study: str, rng:
     study : str
         The study column, which should say that the people are simulated.
     rng : numpy.random.Generator
+    runs : int
+        Of each person (`several_runs`).
+    spread : float, optional
+        Sigma: each person has an offset on the helping log-odds, the same in all runs. None: people do not differ.
     """
-    design = study1_design().draw(participants, study, rng)
-    return simulate_responses(truth, design, rng)[0]
+    design = several_runs(participants, runs, study, rng)
+    if spread is None:
+        return simulate_responses(truth, design, rng)[0]
+    tables = FullTables(truth.initial[None, None], truth.transition[None], truth.emission[None], np.array([spread]))
+    stream = np.random.SeedSequence(int(rng.integers(2**63)))
+    return design.with_responses(predictive_responses(tables, design, [stream])[0])
+
+
+def several_runs(participants: int, runs: int, study: str, rng: np.random.Generator) -> EventLog:
+    """Draw the published design with several runs a person: one condition each, a schedule anew for every run.
+
+    Returns
+    -------
+    EventLog
+        Participants 1..n with sequences 0..runs - 1; responses are placeholders. With one run it is the published
+        design itself.
+    """
+    drawn = [study1_design().draw(participants, study, rng) for _ in range(runs)]
+    first = drawn[0]
+    if runs == 1:
+        return first
+    # Conditions have the same sizes in every draw, so the nth person of a condition can take over the run of the
+    # nth person of that condition in every other draw.
+    order = [np.argsort(log.condition, kind="stable") for log in drawn]
+    place = np.argsort(order[0])
+    pieces = [
+        log.action[log.offsets[run] : log.offsets[run + 1]]
+        for person in range(participants)
+        for log, run in ((log, own[place[person]]) for log, own in zip(drawn, order, strict=True))
+    ]
+    action = np.concatenate(pieces)
+    shows = np.asarray(first.protocol.emission_index)[action] >= 0
+    return EventLog(
+        first.protocol,
+        study,
+        np.append(0, np.cumsum([len(piece) for piece in pieces])).astype(np.int64),
+        np.repeat(first.participant, runs),
+        np.tile(np.arange(runs, dtype=np.int64), participants),
+        np.repeat(first.condition, runs),
+        first.conditions,
+        action,
+        np.where(shows, 0, UNSEEN).astype(np.int8),
+    )
 
 
 def run_replicates[S, R](

@@ -130,7 +130,7 @@ def read_json(path: str | Path) -> Any:
         ) from None
 
 
-def write_bytes(path: str | Path, content: bytes) -> None:
+def write_bytes(path: str | Path, content: bytes | memoryview) -> None:
     """Write a file beside its place and rename it, so an interruption leaves no half-written file."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,17 +1,16 @@
 """Posterior files: one netCDF a fit, checked for content and schema when read.
 
 Only data are read back: no pickle, no code. A file written by other package versions is read with a warning;
-a file whose content does not match its digest is refused.
+a file whose content (arrays, labels, dimensions, or what it says of itself) does not match its digest is refused.
+The digest is no signature: it finds damage and careless changes, not somebody who computes it anew.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,15 @@ import xarray as xr
 
 from models.errors import InputError, located
 from models.gate import Gate
+from models.model_files import write_bytes
 from models.posterior import TABLES, Posterior
 from models.protocol import Protocol
 
-SCHEMA = "prosocial-posterior/1"
+SCHEMA = "prosocial-posterior/2"
 PACKAGES = ("numpy", "numba", "pymc", "nutpie", "arviz", "xarray")
+
+SEALED = ("protocol", "gate", "settings", "emission_weights", "cpu_seconds", "sampling_seconds")
+"""Attributes the digest covers: all but the versions and the provenance, which determine no number."""
 
 
 def versions() -> dict[str, str]:
@@ -33,20 +36,40 @@ def versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in PACKAGES}
 
 
-def content_digest(data: xr.DataTree) -> str:
-    """SHA-256 over the arrays of every group, by name, shape and bytes."""
+def content_digest(data: xr.DataTree, attributes: Mapping[str, Any]) -> str:
+    """SHA-256 over the arrays and coordinates of every group and the attributes in `SEALED`.
+
+    Parameters
+    ----------
+    data : xarray.DataTree
+        Every variable counts with its name, dimensions, shape and values; text as UTF-8, numbers as little-endian
+        bytes.
+    attributes : mapping
+        With the names in `SEALED`: JSON texts and numbers.
+    """
     digest = hashlib.sha256()
     for group in sorted(data.children):
         dataset = data[group].to_dataset()
-        for name in sorted(str(v) for v in dataset.data_vars):
+        for name in sorted(str(v) for v in dataset.variables):
             values = np.ascontiguousarray(dataset[name].to_numpy())
-            little = values.astype(values.dtype.newbyteorder("<"), copy=False)
-            digest.update(f"{group}/{name} {little.dtype.str} {little.shape}\n".encode() + little.tobytes())
+            if values.dtype.kind in "OUST":  # text comes back from a file as another type of text
+                kind, content = "text", json.dumps(values.astype(str).ravel().tolist()).encode()
+            else:
+                little = values.astype(values.dtype.newbyteorder("<"), copy=False)
+                kind, content = little.dtype.str, little.tobytes()
+            head = [group, name, list(map(str, dataset[name].dims)), list(values.shape), kind]
+            digest.update(f"{json.dumps(head)}\n".encode() + content)
+    for name in SEALED:
+        value = attributes[name]
+        content = json.dumps([name, value if isinstance(value, str) else float(value)]).encode()
+        digest.update(b"\n" + content)
     return digest.hexdigest()
 
 
 def write_posterior(fit: Posterior, path: str | Path, provenance: Mapping[str, Any] | None = None) -> None:
     """Write a fit beside its place and rename it, so that a full disk or an interruption leaves no half file.
+
+    The file is built in memory: the HDF5 library does not survive a disk that fills up while it writes.
 
     Raises
     ------
@@ -56,7 +79,6 @@ def write_posterior(fit: Posterior, path: str | Path, provenance: Mapping[str, A
     path = Path(path)
     attributes = {
         "schema": SCHEMA,
-        "content_digest": content_digest(fit.data),
         "protocol": json.dumps(fit.protocol.to_dict()),
         "gate": json.dumps(vars(fit.gate)),
         "settings": json.dumps(dict(fit.settings)),
@@ -66,25 +88,17 @@ def write_posterior(fit: Posterior, path: str | Path, provenance: Mapping[str, A
         "versions": json.dumps(versions()),
         "provenance": json.dumps(dict(provenance or {})),
     }
-    beside = ""
+    attributes["content_digest"] = content_digest(fit.data, attributes)
+    data = fit.data.copy()
+    data.attrs.update(attributes)
+    encoding = {
+        f"/{group}": {str(v): {"zlib": True, "complevel": 1} for v in data[group].to_dataset().data_vars}
+        for group in data.children
+    }
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".nc")
-        os.close(handle)
-        data = fit.data.copy()
-        data.attrs.update(attributes)
-        encoding = {
-            f"/{group}": {str(v): {"zlib": True, "complevel": 1} for v in data[group].to_dataset().data_vars}
-            for group in data.children
-        }
-        data.to_netcdf(beside, engine="h5netcdf", encoding=encoding)
-        Path(beside).chmod(0o644)
-        Path(beside).replace(path)
+        write_bytes(path, data.to_netcdf(None, engine="h5netcdf", encoding=encoding))
     except OSError as error:
         raise InputError(f"{path}: the fit cannot be written: {error.strerror or error}") from None
-    finally:
-        if beside:
-            Path(beside).unlink(missing_ok=True)
 
 
 def read_posterior(path: str | Path) -> Posterior:
@@ -101,31 +115,54 @@ def read_posterior(path: str | Path) -> Posterior:
     try:
         with xr.open_datatree(path, engine="h5netcdf") as stored:
             data = stored.load()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, RuntimeError) as error:
         raise InputError(f"{path}: not a readable netCDF file ({_short(error)})") from None
-    attributes = data.attrs
-    if attributes.get("schema") != SCHEMA:
+    attributes = {str(name): value for name, value in data.attrs.items()}
+    if str(attributes.get("schema")) != SCHEMA:
         raise located(f"{path}, schema", str(attributes.get("schema")), f"{SCHEMA!r}: a fit of `prosocial bayes`")
+
+    def stored_as[T](name: str, build: Callable[[Any], T]) -> T:
+        """What an attribute says; whatever is wrong with it is damage, told with its name."""
+        try:
+            return build(attributes[name])
+        except KeyError as error:
+            reason = "is missing" if name not in attributes else f"lacks {_short(error)}"
+        except (TypeError, ValueError, AttributeError, RecursionError) as error:
+            reason = f"cannot be read ({_short(error)})"
+        raise InputError(f"{path}: damaged: attribute {name} {reason}")
+
+    protocol = stored_as("protocol", lambda text: Protocol.from_dict(json.loads(text), "protocol"))
+    gate = stored_as("gate", lambda text: Gate(**json.loads(text)))
+    settings = stored_as("settings", _mapping)
+    states = stored_as("settings", lambda text: _mapping(text)["states"])
+    weights = stored_as("emission_weights", lambda text: np.array(json.loads(text), dtype=np.float64))
+    cpu_seconds, sampling_seconds = stored_as("cpu_seconds", float), stored_as("sampling_seconds", float)
+    provenance, stored_versions = stored_as("provenance", _mapping), stored_as("versions", _mapping)
+    digest = stored_as("content_digest", str)
     try:
-        found = content_digest(data)
-        missing = [name for name in TABLES if name not in data["posterior"].to_dataset()]
-    except (KeyError, OSError) as error:
+        found = content_digest(data, attributes)
+        posterior = data["posterior"].to_dataset()
+        missing = [name for name in TABLES if name not in posterior]
+        held = posterior.sizes["state"]
+    except (KeyError, OSError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: damaged, a group is missing ({_short(error)})") from None
-    if missing or found != attributes["content_digest"]:
+    if missing or found != digest:
         raise InputError(f"{path}: damaged or changed: its content does not match its digest")
-    own, stored_versions = versions(), json.loads(attributes["versions"])
+    if states != held:
+        raise located(f"{path}: damaged: attribute settings, states", states, f"{held}, as many as its tables have")
+    own = versions()
     other = [f"{k} {stored_versions.get(k)} (here {v})" for k, v in own.items() if stored_versions.get(k) != v]
     if other:
         warnings.warn(f"{path} was made with other versions: {', '.join(other)}", stacklevel=2)
-    return Posterior(
-        data,
-        Protocol.from_dict(json.loads(attributes["protocol"]), f"{path}, protocol"),
-        Gate(**json.loads(attributes["gate"])),
-        {**json.loads(attributes["settings"]), "provenance": json.loads(attributes["provenance"])},
-        np.array(json.loads(attributes["emission_weights"])),
-        float(attributes["cpu_seconds"]),
-        float(attributes["sampling_seconds"]),
-    )
+    settings = {**settings, "provenance": provenance}
+    return Posterior(data, protocol, gate, settings, weights, cpu_seconds, sampling_seconds)
+
+
+def _mapping(text: Any) -> dict[str, Any]:
+    content = json.loads(text)
+    if not isinstance(content, dict):
+        raise TypeError(f"a JSON object was wanted, not {type(content).__name__}")
+    return content
 
 
 def _short(error: Exception) -> str:

@@ -8,20 +8,13 @@ from threading import Event
 import numpy as np
 import pytest
 
-from analysis import calibration
-from analysis.calibration import (
-    LARGEST_RANK,
-    Calibration,
-    CalibrationRun,
-    CalibrationSettings,
-    Replicate,
-    calibrate,
-    prior_draw,
-    run_replicate,
-)
+from analysis import calibration_replicate
+from analysis.calibration import Calibration, CalibrationRun, calibrate
+from analysis.calibration_replicate import LARGEST_RANK, CalibrationSettings, Replicate, run_replicate
 from analysis.calibration_statistics import quantities
 from analysis.cli import main
 from analysis.rank_uniformity import FAMILY_WISE, bonferroni, examine, interval_of_ranks, p_values, ranks_of
+from analysis.replicates import prior_draw
 from analysis.simulate import simulate_study1
 from models.errors import InputError
 from models.histories import UNSEEN
@@ -29,6 +22,7 @@ from models.labels import permute, stationary_distribution
 from models.nuts import NutsSettings
 from models.parameters import STICKY, DirichletPrior, Layout
 from models.protocol import PUBLISHED
+from models.study_density import ModelSpec, StudyDensity
 from tests.random_cases import random_tables
 from tests.reference import recursions
 
@@ -85,10 +79,10 @@ def test_ranks_count_draws_below_and_break_ties_at_random():
 def test_quantities_do_not_depend_on_the_numbering_of_states():
     rng = np.random.default_rng(3)
     log, layout = simulate_study1(participants=80), Layout(PUBLISHED, 3)
-    alpha = 1 + STICKY.pseudo_counts(layout)
+    study = StudyDensity(log, ModelSpec(3))
     tables = random_tables(rng, PUBLISHED, 3)
-    names, one = quantities(log, layout, alpha, layout.pack(*tables))
-    _, two = quantities(log, layout, alpha, layout.pack(*permute(np.array([2, 0, 1]), *tables)))
+    names, one = quantities(study, layout.pack(*tables))
+    _, two = quantities(study, layout.pack(*permute(np.array([2, 0, 1]), *tables)))
     np.testing.assert_allclose(one, two, rtol=1e-12)
     assert len(names) == len(set(names)) >= 16
     assert one.shape == (len(names),)
@@ -97,12 +91,11 @@ def test_quantities_do_not_depend_on_the_numbering_of_states():
 def test_quantities_by_hand():
     rng = np.random.default_rng(4)
     log, layout = simulate_study1(participants=80), Layout(PUBLISHED, 2)
-    alpha = 1 + STICKY.pseudo_counts(layout)
     tables = random_tables(rng, PUBLISHED, 2)
     score = log.emission_weights @ tables[2][..., 1] / log.emission_weights.sum()
     initial, transition, emission = tables = permute(np.argsort(score), *tables)
     score = np.sort(score)
-    names, values = quantities(log, layout, alpha, np.tile(layout.pack(*tables), (2, 3, 1)))
+    names, values = quantities(StudyDensity(log, ModelSpec(2)), np.tile(layout.pack(*tables), (2, 3, 1)))
     assert values.shape == (2, 3, len(names))
     assert np.ptp(values.reshape(6, -1), axis=0).max() == 0
     found = dict(zip(names, values[0, 0], strict=True))
@@ -190,7 +183,7 @@ def test_a_run_that_is_called_off_stops():
 
 
 def test_too_short_samples_are_doubled(monkeypatch):
-    monkeypatch.setattr(calibration, "MAX_DOUBLINGS", 1)
+    monkeypatch.setattr(calibration_replicate, "MAX_DOUBLINGS", 1)
     short = replace(TINY, sampler=NutsSettings(draws=50, tune=100, chains=2))
     found = run_replicate(short, 0)
     assert found.draws == 100
@@ -282,8 +275,10 @@ def test_posteriors_are_calibrated():
 def test_a_prior_that_is_not_the_truths_is_found(monkeypatch):
     """Truths hardly ever stay in a state, posteriors believe that they mostly do."""
     restless = DirichletPrior(transition=3.0)
-    right = calibration.prior_draw
-    monkeypatch.setattr(calibration, "prior_draw", lambda layout, prior, rng: right(layout, restless, rng))
+    right = calibration_replicate.prior_draw
+    monkeypatch.setattr(
+        calibration_replicate, "prior_draw", lambda layout, prior, rng: right(layout, restless, rng)
+    )
     result = calibrate([CalibrationSettings(2, 40, seed=11)])
     assert not result.passed
     assert result.sentence.startswith("NOT calibrated")

@@ -4,6 +4,7 @@ import json
 import os
 import time
 
+import h5py
 import numpy as np
 import pytest
 
@@ -165,3 +166,53 @@ def test_an_interrupted_run_that_goes_on_leaves_nothing(full, log, store):
     assert [entry.about["states"] for entry in entries() if entry.status == "interrupted"] == [3]
     (folder,) = store.glob("*.chains")
     assert sorted(path.name for path in folder.iterdir()) == ["1.npz", "about.json"]
+
+
+def changed_attribute(path, name, content):
+    with h5py.File(path, "r+") as file:
+        if content is None:
+            del file.attrs[name]
+        else:
+            file.attrs[name] = content
+
+
+def test_fits_of_unexpected_content_do_not_hide_the_others(full, store, capsys):
+    fit, old = full
+    names = ("settings", "gate", "provenance", "versions")
+    contents = (None, "{", "[]", "7", [1.0], '{"states": "two"}', '{"max_rhat": "low"}')
+    for i, name in enumerate(names):
+        for j, content in enumerate(contents):
+            (store / f"{name}{i}{j}.nc").write_bytes(fit.path.read_bytes())
+            changed_attribute(store / f"{name}{i}{j}.nc", name, content)
+    (store / "shape.nc").write_bytes(fit.path.read_bytes())
+    with h5py.File(store / "shape.nc", "r+") as file:
+        del file["posterior/transition"]
+        file["posterior/transition"] = 1.0
+    status, out, _ = run(capsys, "list", "--json", "-")
+    assert status == 0
+    found = {entry["key"]: entry["status"] for entry in json.loads(out)["fits"]}
+    assert (found[fit.key], found[old.key], found["shape"]) == ("ready", "outdated", "damaged")
+    for i, name in enumerate(names):
+        for j, content in enumerate(contents):
+            # Any JSON may stand in versions, any object in provenance: it is then another version.
+            free = name == "versions" or (name == "provenance" and str(content).startswith("{"))
+            readable = isinstance(content, str) and content != "{"
+            wanted = ("outdated", "damaged") if free and readable else ("damaged",)
+            assert found[f"{name}{i}{j}"] in wanted, (name, content)
+
+
+def test_an_interrupted_run_that_says_nothing_usable_is_listed(full, store, capsys):
+    (folder,) = store.glob("*.chains")
+    for content in ("[]", "{", '{"states": 2, "engine": "direct"}', '{"states": "two"}'):
+        (folder / fits.ABOUT).write_text(content)
+        assert run(capsys, "list")[0] == 0
+        waiting = next(entry for entry in entries() if entry.status == "interrupted")
+        assert waiting.about == {"chains_done": 1}
+
+
+def test_what_a_killed_write_leaves_is_left_over(store):
+    store.mkdir()
+    (store / ".key.nc.ab12_x").write_bytes(b"half")
+    assert entries() == []
+    os.utime(store / ".key.nc.ab12_x", (time.time() - DAY,) * 2)
+    assert [(entry.key, entry.status) for entry in entries()] == [("key", "left over")]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from analysis import evidence
-from analysis.calibration import CalibrationSettings, calibrate
+from analysis.calibration import calibrate
+from analysis.calibration_replicate import CalibrationSettings
 from analysis.cli_options import plain
 from analysis.datasets import log_digest
 from analysis.design import published
@@ -18,13 +19,19 @@ from analysis.recovery_study import RecoverySettings, run_study
 from analysis.report.section import NotSupported, Omitted, Origin, Section
 from analysis.report.sections import evidence as section
 from analysis.simulate import calibrated_truth, simulate_study1
+from models.compiled import kernel_digest, kernel_sources
 from models.errors import InputError
 from models.nuts import NutsSettings
+from models.person_offset import PersonOffset
 from models.protocol import PUBLISHED
 from models.smc import SmcSettings
 from tests.analysis.report_cases import CORRIDOR, random_log
 
 CALIBRATION = CalibrationSettings(2, 3, participants=80, sampler=NutsSettings(60, 60, 2))
+PEOPLE = CalibrationSettings(
+    1, 3, participants=20, sampler=NutsSettings(60, 60, 2), people=PersonOffset(), runs_per_person=2
+)
+STORED = ("calibration", "calibration_people", "recovery")
 RECOVERY = RecoverySettings(
     (1, 2), 3, participants=80, true_states=2, sampler=NutsSettings(60, 60, 2), restarts=4, finalists=2,
     select=True, evidence=SmcSettings(30, 1, moves=1),
@@ -35,9 +42,12 @@ RECOVERY = RecoverySettings(
 def results(tmp_path_factory):
     """A folder with tiny evidence, made by the present code."""
     folder = tmp_path_factory.mktemp("evidence")
-    made = {"calibration": calibrate([CALIBRATION]).to_dict(), "recovery": recover(RECOVERY).to_dict()}
-    for run in made["calibration"]["runs"]:
-        run["min_ess"] = [500.0, 500.0, 3.0]
+    made = {
+        "calibration": calibrate([CALIBRATION]).to_dict(), "calibration_people": calibrate([PEOPLE]).to_dict(),
+        "recovery": recover(RECOVERY).to_dict(),
+    }  # fmt: skip
+    for name in STORED[:2]:
+        made[name]["runs"][0]["min_ess"] = [500.0, 500.0, 3.0]
     for name, result in made.items():
         content = plain(record("A tiny run: simulated.", f"prosocial {name} --seed 1", 1, result))
         (folder / f"{name}.json").write_text(json.dumps(content))
@@ -63,6 +73,7 @@ def test_fresh_evidence_is_not_stale(results):
     ("change", "told"),
     [
         ({"kernel_digest": "0123"}, "compiled code 0123, now "),
+        ({"modules": ["models.gone"]}, "now none (models.gone is not in this checkout)"),
         ({"versions": {"numpy": "1.0"}}, "numpy 1.0, now "),
         ({"versions": {}}, "nutpie unknown, now "),
     ],
@@ -74,6 +85,20 @@ def test_evidence_of_other_code_is_called_stale(results, change, told):
     assert told in "; ".join(old.changes)
     assert "STALE: made with other code or versions than this report" in old.provenance
     assert "'make evidence' makes it anew" in old.provenance
+
+
+def test_only_code_that_the_result_rests_on_counts(results):
+    """Kernels of other models and of the PyMC front door do not; what is unknown rests on everything."""
+    found = read_evidence("recovery", results)
+    assert found.content["modules"] == list(evidence.ENGINE)
+    rests_on = {path.stem for path in kernel_sources(*evidence.ENGINE)}
+    used = {path.stem for path in kernel_sources("analysis.calibration", "analysis.recovery")}
+    assert used - rests_on <= {"likelihood_op", "simplex_op"}
+    assert {"hmm_density", "people_kernel", "simulation", "predictive", "em_kernel", "smc"} <= rests_on
+    assert not [name for name in rests_on if name.startswith("glmm")]
+    content = {key: value for key, value in found.content.items() if key != "modules"}
+    assert Evidence(found.path, content).stale
+    assert not Evidence(found.path, {**content, "kernel_digest": kernel_digest()}).stale
 
 
 def test_a_date_that_is_missing_is_said(results):
@@ -101,15 +126,21 @@ def shown(log, monkeypatch, folder):
 def test_the_report_shows_stored_evidence_as_simulated(results, monkeypatch):
     made = shown(simulate_study1(participants=60), monkeypatch, results)
     assert {origin for block in (*made.tables, *made.figures) for origin in block.origin} == {Origin.SIMULATED}
-    assert {table.key for table in made.tables} == {"calibration-runs", "calibration-statistics", "recovery-every"}
-    assert [len(figure.svgs()) for figure in made.figures] == [1, 3]
+    assert {table.key for table in made.tables} == {
+        "calibration-runs", "calibration-statistics", "calibration-people-runs", "calibration-people-statistics",
+        "recovery-every",
+    }  # fmt: skip
+    assert [len(figure.svgs()) for figure in made.figures] == [1, 1, 3]
     text = " ".join(made.sentences)
     assert "SIMULATED people whose truth is known" in text
-    for name in ("calibration", "recovery"):
+    plain, people, _ = (figure.caption for figure in made.figures)
+    assert "People differ by an offset, with 2 runs each" in people
+    assert "People differ" not in plain
+    for name in STORED:
         assert read_evidence(name, results).sentence in text
         assert f"by 'prosocial {name} --seed 1', with the code and versions of this report" in text
-    (runs,) = [table for table in made.tables if table.key == "calibration-runs"]
-    assert runs.frame[["studies", "left out"]].to_numpy().tolist() == [[3, 1]]
+    runs = [table for table in made.tables if table.key.endswith("-runs")]
+    assert [table.frame[["studies", "left out"]].to_numpy().tolist() for table in runs] == 2 * [[[3, 1]]]
 
 
 def test_stale_evidence_is_a_warning(results, monkeypatch, tmp_path):
@@ -118,13 +149,15 @@ def test_stale_evidence_is_a_warning(results, monkeypatch, tmp_path):
         (tmp_path / path.name).write_text(json.dumps(content))
     made = shown(simulate_study1(participants=60), monkeypatch, tmp_path)
     warned = [block.text for block in made.flat() if getattr(block, "kind", "") == "warning"]
-    assert sum("STALE" in text for text in warned) == 2
+    assert sum("STALE" in text for text in warned) == 3
 
 
 def test_absent_evidence_is_said_to_be_absent(monkeypatch, tmp_path):
     made = shown(simulate_study1(participants=60), monkeypatch, tmp_path)
     left_out = [block for block in made.flat() if isinstance(block, Omitted)]
-    assert [block.what for block in left_out] == ["evidence of calibration", "evidence of recovery"]
+    assert [block.what for block in left_out] == [
+        "evidence of calibration", "evidence of calibration where people differ", "evidence of recovery",
+    ]  # fmt: skip
     assert "make evidence" in left_out[0].reason
 
 
@@ -135,27 +168,31 @@ def test_other_designs_are_not_supported(protocol):
 
 
 # -- what is stored ------------------------------------------------------------------------------------
-def test_stored_evidence_is_complete_and_passed():
-    found = read_evidence("calibration")
+@pytest.mark.parametrize(("name", "wanted"), [("calibration", {2: 200, 3: 100}), ("calibration_people", {2: 100})])
+def test_stored_evidence_is_complete_and_passed(name, wanted):
+    found = read_evidence(name)
     assert found.content["passed"] is True
     sizes = {run["settings"]["states"]: run["settings"]["replicates"] for run in found.content["runs"]}
-    assert sizes[2] >= 200
-    assert sizes[3] >= 100
+    assert all(sizes[states] >= replicates for states, replicates in wanted.items())
     assert min(len(run["statistics"]) for run in found.content["runs"]) >= 8
+    differ = [run["settings"]["people"] is not None for run in found.content["runs"]]
+    assert differ == len(wanted) * [name == "calibration_people"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["calibration", "recovery"])
+@pytest.mark.parametrize("name", STORED)
 def test_a_slice_of_stored_evidence_comes_out_again(name):
     """The first study, made anew: data and maximum exactly, what is sampled within its Monte Carlo error."""
     found = read_evidence(name)
     if found is None or found.stale:
         pytest.skip(f"evidence of {name} is absent or was made with other code: run `make evidence`")
-    if name == "calibration":
+    if name != "recovery":
         stored = found.content["runs"][0]
+        own = stored["settings"]
         settings = CalibrationSettings(
-            stored["settings"]["states"], 1, stored["settings"]["participants"], seed=stored["settings"]["seed"]
-        )
+            own["states"], 1, own["participants"], seed=own["seed"], runs_per_person=own["runs_per_person"],
+            people=None if own["people"] is None else PersonOffset(**own["people"]),
+        )  # fmt: skip
         again = calibrate([settings]).runs[0].replicates[0]
         ranks = np.array([stored["ranks"][statistic][0] for statistic in again.names])
         assert np.abs(ranks - again.ranks).max() < 35  # of 100; two samples of 400 apart by more is one in 10^6

@@ -1,5 +1,10 @@
 """The store of fits: found again, resumed after an interruption, never confused."""
 
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,6 +17,7 @@ from models.posterior import TABLES
 from models.simulation import simulate_responses
 from tests.models.test_recovery import truth, varied_design
 
+ROOT = Path(__file__).resolve().parents[2]
 SHORT = NutsSettings(40, 60, 3)
 
 
@@ -117,3 +123,86 @@ def test_a_damaged_fit_in_the_store_is_refused_by_name(log):
     stored.path.write_bytes(stored.path.read_bytes()[:3000])
     with pytest.raises(InputError, match=rf"{stored.key}\.nc: (not a readable|damaged)"):
         fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+
+
+CUT_SHORT = """
+import resource, signal, sys, warnings
+from pathlib import Path
+import numpy as np
+from analysis.fits import Chain, _chains
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+_, keep, forget = _chains(Path(sys.argv[1]), {"study": "x"})
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    for number in range(3):
+        keep(number, Chain(np.zeros((5000, 2)), {"diverging": np.zeros(5000)}))
+print(*(w.message for w in told), sep="\\n")
+"""
+
+
+def test_a_chain_the_disk_has_no_room_for_is_told_once_and_leaves_no_half_file(tmp_path):
+    folder = tmp_path / "key.chains"
+    done = subprocess.run(
+        [sys.executable, "-c", CUT_SHORT, str(folder)], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [
+        f"chain 0 could not be kept: {folder}: File too large; an interruption would lose it"
+    ]
+    assert [p.name for p in folder.iterdir()] == [fits.ABOUT]
+
+
+def test_a_run_whose_chains_cannot_be_kept_ends_well(log, own_store, monkeypatch):
+    def full(path, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(fits, "write_bytes", full)
+    with pytest.warns(
+        UserWarning, match=r"chain \d could not be kept: .*No space left on device; an inter"
+    ) as told:
+        stored = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    assert len(told) == 1
+    assert [p.name for p in own_store.iterdir()] == [stored.path.name]
+
+
+def test_clearing_away_chains_somebody_else_clears_away_too(tmp_path, monkeypatch):
+    folder = tmp_path / "key.chains"
+    chain = fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)})
+    _, keep, forget = fits._chains(folder, {})
+    forget()  # nothing was ever kept
+    keep(0, chain)
+    first = Path.unlink
+
+    def raced(self, missing_ok=False):
+        first(self)
+        return first(self, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", raced)
+    forget()
+    assert not folder.exists()
+    forget()
+
+    monkeypatch.undo()
+    keep(0, chain)
+    rmdir = Path.rmdir
+
+    def written_into(self):
+        (self / "1.npz").write_bytes(b"of another run")
+        rmdir(self)
+
+    monkeypatch.setattr(Path, "rmdir", written_into)
+    forget()
+    assert [p.name for p in folder.iterdir()] == ["1.npz"]
+
+
+def test_a_kept_chain_comes_back_bit_for_bit(tmp_path):
+    x = np.random.default_rng(3).normal(size=(7, 2))
+    chain = fits.Chain(x, {"diverging": np.arange(7) % 2 == 0, "n_steps": np.arange(7)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fits._chains(tmp_path / "key.chains", {})[1](4, chain)
+    done, _, _ = fits._chains(tmp_path / "key.chains", {})
+    assert list(done) == [4]
+    assert np.array_equal(done[4].x, x)
+    assert {k: v.tolist() for k, v in done[4].stats.items()} == {k: v.tolist() for k, v in chain.stats.items()}

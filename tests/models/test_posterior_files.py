@@ -1,21 +1,28 @@
 """Fits on disk: exact round trip, damage found, nothing half written."""
 
 import errno
+import io
+import json
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
-from models import posterior_files
+from models import model_files, posterior_files
 from models.bayesian_fit import fit
 from models.errors import InputError
 from models.nuts import NutsSettings
 from models.posterior import TABLES
-from models.posterior_files import read_posterior, write_posterior
+from models.posterior_files import SEALED, read_posterior, write_posterior
 from tests.models.test_recovery import truth, varied_design
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +34,18 @@ def small():
     return fit(log, 2, pins={"no_signal": None}, sampler=NutsSettings(60, 60, 2))
 
 
-@pytest.fixture
-def stored(small, tmp_path):
-    path = tmp_path / "fit.nc"
+@pytest.fixture(scope="module")
+def content(small, tmp_path_factory):
+    path = tmp_path_factory.mktemp("written") / "fit.nc"
     write_posterior(small, path, {"data": "made here"})
+    assert [p.name for p in path.parent.iterdir()] == ["fit.nc"]
+    return path.read_bytes()
+
+
+@pytest.fixture
+def stored(content, tmp_path):
+    path = tmp_path / "fit.nc"
+    path.write_bytes(content)
     return path
 
 
@@ -44,7 +59,6 @@ def test_round_trip_keeps_every_bit(small, stored):
     assert back.settings["pins"] == {"no_signal": [[1.0, 0.0], [0.0, 1.0]]}
     assert back.settings["provenance"] == {"data": "made here"}
     assert back.summary().equals(small.summary())
-    assert [p.name for p in stored.parent.iterdir()] == ["fit.nc"]
 
 
 def test_any_changed_value_is_found(stored):
@@ -68,7 +82,7 @@ def test_a_missing_file_and_another_kind_of_netcdf_are_named(tmp_path):
         read_posterior(tmp_path / "nowhere.nc")
     other = tmp_path / "other.nc"
     xr.Dataset({"x": ("i", [1.0])}).to_netcdf(other, engine="h5netcdf")
-    with pytest.raises(InputError, match=r"other\.nc, schema: found 'None', wanted 'prosocial-posterior/1'"):
+    with pytest.raises(InputError, match=r"other\.nc, schema: found 'None', wanted 'prosocial-posterior/2'"):
         read_posterior(other)
 
 
@@ -79,14 +93,158 @@ def test_other_versions_warn_and_are_read(stored, monkeypatch):
 
 
 def test_a_full_disk_leaves_nothing_behind(small, tmp_path, monkeypatch):
-    def full(*args, **kwargs):
-        Path(args[1]).write_bytes(b"half")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    class Full(io.FileIO):
+        def write(self, content):
+            super().write(content[:1000])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(xr.DataTree, "to_netcdf", full)
+    monkeypatch.setattr(model_files.os, "fdopen", lambda handle, mode: Full(handle, mode))
     with pytest.raises(InputError, match=r"fit\.nc: the fit cannot be written: No space left on device"):
         write_posterior(small, tmp_path / "fit.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+CUT_SHORT = """
+import resource, signal, sys
+from pathlib import Path
+from models.errors import InputError
+from models.posterior_files import read_posterior, write_posterior
+fit = read_posterior(sys.argv[1])
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
+try:
+    write_posterior(fit, Path(sys.argv[2]) / "fit.nc")
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("before", [None, b"an older fit"])
+def test_a_write_the_system_cuts_short_is_told_and_leaves_what_was_there(stored, tmp_path, before):
+    folder = tmp_path / "full"
+    folder.mkdir()
+    if before is not None:
+        (folder / "fit.nc").write_bytes(before)
+    arguments = [str(stored), str(folder), str(stored.stat().st_size // 2)]
+    done = subprocess.run(
+        [sys.executable, "-c", CUT_SHORT, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{folder / 'fit.nc'}: the fit cannot be written: {os.strerror(errno.EFBIG)}\n"
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == ({} if before is None else {"fit.nc": before})
+
+
+def test_a_folder_that_cannot_be_made_is_told(small, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(InputError, match=r"fit\.nc: the fit cannot be written: (File exists|Not a directory)"):
+        write_posterior(small, tmp_path / "taken" / "fit.nc")
+
+
+def test_a_changed_text_label_dimension_or_order_is_found(stored):
+    for change in (
+        lambda data: data["posterior"].to_dataset().rename(state="row"),
+        lambda data: data["posterior"].to_dataset().transpose(..., "chain", "draw"),
+        lambda data: data["posterior"].to_dataset().rename(initial="emission", emission="initial"),
+    ):
+        with xr.open_datatree(stored, engine="h5netcdf") as opened:
+            data = opened.load()
+        groups = {name: node.to_dataset() for name, node in data.children.items()} | {"posterior": change(data)}
+        forged = xr.DataTree.from_dict(groups)
+        forged.attrs.update(data.attrs)
+        forged.to_netcdf(other := stored.with_name("forged.nc"), engine="h5netcdf")
+        with pytest.raises(InputError, match=r"forged\.nc: damaged"):
+            read_posterior(other)
+
+
+def coordinates(data):
+    return [(g, str(c)) for g in data.children for c in data[g].to_dataset().coords]
+
+
+def test_every_coordinate_is_covered(stored, small):
+    """Two labels of any coordinate swapped: nothing else differs, and the file is refused."""
+    wanted = {("posterior", name) for name in ("action", "emission_action")} & set(coordinates(small.data))
+    assert wanted, "the tables have named actions"
+    for group, name in coordinates(small.data):
+        with xr.open_datatree(stored, engine="h5netcdf") as opened:
+            data = opened.load()
+        dataset = data[group].to_dataset()
+        values = dataset[name].to_numpy().copy()
+        values[[0, -1]] = values[[-1, 0]]
+        if np.array_equal(values, dataset[name].to_numpy()):
+            continue
+        data[group] = xr.DataTree(dataset.assign_coords({name: (dataset[name].dims, values)}))
+        data.to_netcdf(other := stored.with_name("swapped.nc"), engine="h5netcdf")
+        with pytest.raises(InputError, match="does not match its digest"):
+            read_posterior(other)
+
+
+def test_an_unchanged_copy_is_accepted(stored):
+    """The way the tests above forge files does not by itself break them."""
+    with xr.open_datatree(stored, engine="h5netcdf") as opened:
+        data = opened.load()
+    dataset = data["posterior"].to_dataset()
+    data["posterior"] = xr.DataTree(
+        dataset.assign_coords({c: (dataset[c].dims, dataset[c].to_numpy()) for c in dataset.coords})
+    )
+    data.to_netcdf(other := stored.with_name("copy.nc"), engine="h5netcdf")
+    read_posterior(other)
+
+
+ATTRIBUTES = (*SEALED, "versions", "provenance", "content_digest")
+
+
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_a_removed_attribute_is_named(stored, name):
+    with h5py.File(stored, "r+") as file:
+        del file.attrs[name]
+    with pytest.raises(InputError, match=rf"fit\.nc: damaged: attribute {name} is missing"):
+        read_posterior(stored)
+
+
+@pytest.mark.parametrize("text", ["{", "7", "[1, {}]", [1.0, 2.0]])
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_a_malformed_attribute_is_damage(stored, name, text):
+    with h5py.File(stored, "r+") as file:
+        file.attrs[name] = text
+    with pytest.raises(InputError, match=rf"fit\.nc: damaged(: attribute {name} cannot| or changed)"):
+        read_posterior(stored)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [("gate", "divergences", 17), ("gate", "max_rhat", 1.0), ("settings", "engine", "other"),
+     ("settings", "states", 3), ("protocol", "name", "another")],
+)  # fmt: skip
+def test_a_forged_attribute_is_found(stored, name, key, value):
+    with h5py.File(stored, "r+") as file:
+        file.attrs[name] = json.dumps({**json.loads(file.attrs[name]), key: value})
+    with pytest.raises(InputError, match="damaged or changed: its content does not match its digest"):
+        read_posterior(stored)
+
+
+@pytest.mark.parametrize("name", ["cpu_seconds", "sampling_seconds"])
+def test_a_forged_time_is_found(stored, name):
+    with h5py.File(stored, "r+") as file:
+        file.attrs[name] = file.attrs[name] / 2
+    with pytest.raises(InputError, match="does not match its digest"):
+        read_posterior(stored)
+
+
+def test_provenance_is_not_sealed(stored):
+    with h5py.File(stored, "r+") as file:
+        file.attrs["provenance"] = json.dumps({"data": "renamed"})
+    assert read_posterior(stored).settings["provenance"] == {"data": "renamed"}
+
+
+def test_settings_of_another_number_of_states_are_refused(small, tmp_path):
+    """A consistent digest does not make three states of two."""
+    write_posterior(replace(small, settings={**small.settings, "states": 3}), tmp_path / "odd.nc")
+    with pytest.raises(InputError, match=r"odd\.nc: damaged: attribute settings, states: found 3, wanted 2"):
+        read_posterior(tmp_path / "odd.nc")
+    without = {k: v for k, v in small.settings.items() if k != "states"}
+    write_posterior(replace(small, settings=without), tmp_path / "odd.nc")
+    with pytest.raises(InputError, match=r"odd\.nc: damaged: attribute settings lacks 'states'"):
+        read_posterior(tmp_path / "odd.nc")
 
 
 def test_a_fit_of_a_failed_gate_says_so_after_reading(small, tmp_path):

@@ -29,11 +29,15 @@ from models.nuts import Chain, NutsSettings, Progress
 from models.parameters import STICKY, Array, DirichletPrior
 from models.person_offset import PersonOffset
 from models.posterior import Posterior
-from models.posterior_files import read_posterior, versions, write_posterior
+from models.posterior_files import SCHEMA, read_posterior, versions, write_posterior
 from models.study_density import ModelSpec
 
 ABOUT = "about.json"
 """In the folder of an interrupted run: study and settings, for whoever lists the store."""
+
+
+ENGINE = "models.bayesian_fit"
+"""A fit depends on the kernels that this module reaches."""
 
 
 def store_folder() -> Path:
@@ -54,7 +58,9 @@ class StoredFit:
 
 def fit_key(data_digest: str, settings: Mapping[str, Any]) -> str:
     """Hash of everything that determines a fit."""
-    content = {"data": data_digest, "kernels": kernel_digest(), "versions": versions(), **settings}
+    content = {
+        "data": data_digest, "kernels": kernel_digest(ENGINE), "versions": versions(), "schema": SCHEMA, **settings
+    }  # fmt: skip
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
 
 
@@ -95,7 +101,9 @@ def stored_fit(
         done=done, finished=keep, progress=progress,
     )  # fmt: skip
     write_posterior(
-        posterior, path, {"data_digest": data_digest, "study": log.study, "key": key, "kernels": kernel_digest()}
+        posterior,
+        path,
+        {"data_digest": data_digest, "study": log.study, "key": key, "kernels": kernel_digest(ENGINE)},
     )
     forget()
     return StoredFit(posterior, path, key, False)

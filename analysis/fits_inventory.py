@@ -118,7 +118,7 @@ def _entry(path: Path) -> StoreEntry | None:
             "chains": int(sampled[0]), "draws": int(sampled[1]),
         }  # fmt: skip
         current = (attributes["schema"], made_with, provenance.get("kernels")) == (
-            SCHEMA, versions(), kernel_digest(),
+            SCHEMA, versions(), kernel_digest(fits.ENGINE),
         )  # fmt: skip
         status = "ready" if current else "outdated"
     except UNREADABLE:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +19,7 @@ from models.people_folds import held_out_log_predictive
 from models.people_maximum import people_maximum
 from models.person_offset import PersonOffset, person_of_run
 from models.posterior import SPREAD, TABLES, Posterior
+from models.quiet import without_warnings
 from models.rivals import CountingRival
 from models.smc import SmcSettings, log_marginal_likelihood
 from models.study_density import ModelSpec, StudyDensity
@@ -120,8 +120,7 @@ def loo_by_person(log_likelihood: Array, kinds: tuple[NDArray[np.int64], NDArray
     # Efficiency from the likelihoods themselves: they know no labels and no held tables.
     ess = az.ess(xr.DataTree.from_dict({"posterior": np.exp(unit - unit.max(("chain", "draw")))}), method="mean")
     efficiency = float(np.clip(np.nanmean(ess["participant"].values) / (chains * draws), 0.01, 1.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # high Pareto k are counted and reported with the comparison
+    with without_warnings():  # high Pareto k are counted and reported with the comparison
         found = az.loo(
             xr.DataTree.from_dict({"posterior": unit, "log_likelihood": unit}), pointwise=True,
             var_name="participant", reff=efficiency,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from models.quiet import without_warnings
 
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
@@ -81,8 +82,7 @@ def convergence_gate(draws: NDArray[np.float64], names: list[str], divergences: 
     kept = [n for n, ok in zip(names, varies, strict=True) if ok]
     if not kept:
         return Gate(int(divergences), float("nan"), float("nan"), float("nan"), "nothing varies")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with without_warnings():
         tree = az.from_dict({"posterior": {"q": draws[..., varies]}})
         rhat = np.atleast_1d(az.rhat(tree)["q"].values)
         bulk = np.atleast_1d(az.ess(tree, method="bulk")["q"].values)

@@ -128,12 +128,12 @@ class PeopleLogLikelihood(_KernelOp):
 
 @register_funcify_and_cache_key(HistoryLogLikelihood)
 def _compiled(op: HistoryLogLikelihood, node: Apply, **kwargs: Any) -> tuple[Any, str]:
-    return _evaluate, f"prosocial-history-likelihood-{kernel_digest()}"
+    return _evaluate, f"prosocial-history-likelihood-{kernel_digest('models.likelihood_op')}"
 
 
 @register_funcify_and_cache_key(PeopleLogLikelihood)
 def _compiled_people(op: PeopleLogLikelihood, node: Apply, **kwargs: Any) -> tuple[Any, str]:
-    return _evaluate_people, f"prosocial-people-likelihood-{kernel_digest()}"
+    return _evaluate_people, f"prosocial-people-likelihood-{kernel_digest('models.likelihood_op')}"
 
 
 def log_likelihood(

@@ -109,12 +109,12 @@ def _pull_back(p, g_p, g_log_jacobian):  # type: ignore[no-untyped-def]
 
 @register_funcify_and_cache_key(SimplexRows)
 def _compiled(op: SimplexRows, node: Apply, **kwargs: Any) -> tuple[Any, str]:
-    return _rows, f"prosocial-simplex-{kernel_digest()}"
+    return _rows, f"prosocial-simplex-{kernel_digest('models.simplex_op')}"
 
 
 @register_funcify_and_cache_key(SimplexRowsPullback)
 def _compiled_pullback(op: SimplexRowsPullback, node: Apply, **kwargs: Any) -> tuple[Any, str]:
-    return _pull_back, f"prosocial-simplex-pullback-{kernel_digest()}"
+    return _pull_back, f"prosocial-simplex-pullback-{kernel_digest('models.simplex_op')}"
 
 
 class RowsTransform(SimplexTransform):

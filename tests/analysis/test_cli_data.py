@@ -204,7 +204,7 @@ def test_ctrl_c_exits_with_130(capsys, monkeypatch):
 
 def test_ctrl_c_while_starting_up_exits_with_130(capsys, monkeypatch):
     monkeypatch.setattr(cli, "build", lambda: (_ for _ in ()).throw(KeyboardInterrupt))
-    assert run(capsys, "data", "list") == (130, "", "")
+    assert run(capsys, "data", "list") == (130, "", "prosocial: interrupted\n")
 
 
 def test_nothing_but_the_standard_library_is_loaded_before_a_ctrl_c_is_met():

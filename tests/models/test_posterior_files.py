@@ -160,6 +160,7 @@ def coordinates(data):
     return [(g, str(c)) for g in data.children for c in data[g].to_dataset().coords]
 
 
+@pytest.mark.slow
 def test_every_coordinate_is_covered(stored, small):
     """Two labels of any coordinate swapped: nothing else differs, and the file is refused."""
     wanted = {("posterior", name) for name in ("action", "emission_action")} & set(coordinates(small.data))

@@ -1,7 +1,7 @@
 """Warnings of libraries silenced, one thread at a time.
 
-`warnings.catch_warnings` swaps filters of the whole process: two threads inside it at once restore each other's, and
-a warning that was to be silent gets out (or stays silent for good).
+`warnings.catch_warnings` swaps filters of the whole process: two threads inside it at once restore each other's,
+and a warning that was to be silent gets out (or stays silent for good).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from analysis.cli_options import (
     distinct_files,
     load_protocol,
 )
+from analysis.cli_people_options import PeopleDifferOption, PersonNodesOption, PersonScaleOption, person_offset
 
 if TYPE_CHECKING:
     from models.bayesian_fit import Engine
@@ -36,15 +37,9 @@ def bayes_command(
         str, typer.Option(help="direct: the compiled density; pymc: the PyMC model. Same posterior.")
     ] = "direct",
     pin: PinOption = None,
-    people_differ: Annotated[
-        bool, typer.Option("--people-differ", help="Hierarchical: each person has an offset on the log-odds.")
-    ] = False,
-    person_scale: Annotated[
-        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
-    ] = None,
-    person_nodes: Annotated[
-        int | None, typer.Option(metavar="N", help="Quadrature nodes over the offsets; by the data if not given.")
-    ] = None,
+    people_differ: PeopleDifferOption = False,
+    person_scale: PersonScaleOption = None,
+    person_nodes: PersonNodesOption = None,
     group: Annotated[
         str | None, typer.Option(metavar="BY", help="Tables differ by condition, or FILE.csv:COLUMN of people.")
     ] = None,
@@ -78,7 +73,6 @@ def bayes_command(
     from models.errors import located
     from models.nuts import NutsSettings
     from models.parameters import DirichletPrior
-    from models.person_offset import PersonOffset
     from models.posterior_files import write_posterior
 
     report = Report(json, quiet)
@@ -90,12 +84,7 @@ def bayes_command(
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, str(states), pin)
     digest = datasets.log_digest(chosen.log)
     sampler = NutsSettings(draws, tune, chains, seed)
-    for option, given in (("--person-scale", person_scale), ("--person-nodes", person_nodes)):
-        if given is not None and not people_differ:
-            raise located(option, given, "--people-differ with it: there is no offset otherwise")
-    people = None
-    if people_differ:
-        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale, person_nodes)
+    people = person_offset(people_differ, person_scale, person_nodes)
     if differ is not None and group is None:
         raise located("--differ", differ, "--group with it: there are no groups otherwise")
     groups = None if group is None else groups_from(group, differ or "initial", chosen.log)

@@ -8,6 +8,7 @@ import typer
 
 from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
+from analysis.cli_people_options import PeopleDifferOption, PersonScaleOption, person_offset, refuse_without
 
 PUBLISHED_PEOPLE = 540
 DIFFERING_PEOPLE, DIFFERING_RUNS = 300, 3
@@ -25,12 +26,8 @@ def calibrate_command(
             min=1, help=f"People in each simulated study; {PUBLISHED_PEOPLE}, or {DIFFERING_PEOPLE} who differ."
         ),
     ] = None,
-    people_differ: Annotated[
-        bool, typer.Option("--people-differ", help="Hierarchical: each person has an offset on the log-odds.")
-    ] = False,
-    person_scale: Annotated[
-        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
-    ] = None,
+    people_differ: PeopleDifferOption = False,
+    person_scale: PersonScaleOption = None,
     runs_per_person: Annotated[
         int | None,
         typer.Option(min=1, metavar="3", help="Runs of each person who differs, schedules drawn anew for each."),
@@ -54,7 +51,6 @@ def calibrate_command(
     from analysis.em_study import parse_states
     from analysis.evidence import record
     from models.errors import located
-    from models.person_offset import PersonOffset
 
     report = begin_evidence(json, quiet, out)
     sizes = parse_states(states)
@@ -65,13 +61,9 @@ def calibrate_command(
         raise located(
             "--replicates", replicates, f"one positive number, or {len(sizes)}: one for each of the states"
         )
-    for option, given in (("--person-scale", person_scale), ("--runs-per-person", runs_per_person)):
-        if given is not None and not people_differ:
-            raise located(option, given, "--people-differ with it: there is no offset otherwise")
-    people, runs = None, 1
-    if people_differ:
-        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale)
-        runs = DIFFERING_RUNS if runs_per_person is None else runs_per_person
+    people = person_offset(people_differ, person_scale)
+    refuse_without(people_differ, "--people-differ", {"--runs-per-person": runs_per_person})
+    runs = (DIFFERING_RUNS if runs_per_person is None else runs_per_person) if people_differ else 1
     if participants is None:
         participants = DIFFERING_PEOPLE if people_differ else PUBLISHED_PEOPLE
     settings = [

@@ -16,6 +16,7 @@ from analysis.cli_options import (
     SeedOption,
     load_protocol,
 )
+from analysis.cli_people_options import PeopleDifferOption, PersonNodesOption, PersonScaleOption, person_offset
 
 if TYPE_CHECKING:
     from analysis.held_out import HeldOut
@@ -53,19 +54,9 @@ def compare_command(
             help="Also leave out every condition, schedule or condition+schedule in turn and predict it.",
         ),
     ] = None,
-    people_differ: Annotated[
-        bool,
-        typer.Option(
-            "--people-differ",
-            help="Also the hierarchical version of every model; with --held-out of none and of the fewest states.",
-        ),
-    ] = False,
-    person_scale: Annotated[
-        float | None, typer.Option(metavar="1.5", help="Prior scale of the offsets' standard deviation, log-odds.")
-    ] = None,
-    person_nodes: Annotated[
-        int | None, typer.Option(metavar="N", help="Quadrature nodes over the offsets; by the data if not given.")
-    ] = None,
+    people_differ: PeopleDifferOption = False,
+    person_scale: PersonScaleOption = None,
+    person_nodes: PersonNodesOption = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Less work: ranks models, does not settle close calls.")
     ] = (False),
@@ -77,7 +68,8 @@ def compare_command(
     """Compare numbers of states with each other and with models that need no latent state.
 
     With --held-out each part of the study is also left out in turn, and its response rates are predicted from the
-    rest, also by a logistic mixed model.
+    rest, also by a logistic mixed model. With --people-differ every model also has its hierarchical version; what
+    is left out is predicted by that of none and of the fewest states.
 
     Example: prosocial compare simulated_study1 --states 1-5 --held-out condition --json reports/build/compare.json
     """
@@ -102,12 +94,7 @@ def compare_command(
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin, default_states="1-5")
     settings = CompareSettings.of(quick, folds=folds, seed=seed)
     prior = DirichletPrior(stay=kappa)
-    for option, given in (("--person-scale", person_scale), ("--person-nodes", person_nodes)):
-        if given is not None and not people_differ:
-            raise located(option, given, "--people-differ with it: there is no offset otherwise")
-    people = None
-    if people_differ:
-        people = PersonOffset(PersonOffset.scale if person_scale is None else person_scale, person_nodes)
+    people = person_offset(people_differ, person_scale, person_nodes)
     digest = datasets.log_digest(chosen.log)
     if leave_out is not None:
         if leave_out not in BY:

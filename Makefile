@@ -33,10 +33,10 @@ notebooks-fast: env ## Run every notebook with few draws, to see that it still r
 	$(BIN)/python -m analysis.notebooks --fast $(ARGS)
 
 test: env ## Tests and docstring examples, without the slow ones (ARGS="-k em" picks some)
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 test-all: env ## All tests, the slow ones too
-	$(BIN)/python -m pytest -m "" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "" $(ARGS)
 
 lint: env ## Style, formatting and types; changes nothing
 	$(BIN)/ruff check .

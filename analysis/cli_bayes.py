@@ -41,7 +41,12 @@ def bayes_command(
     person_scale: PersonScaleOption = None,
     person_nodes: PersonNodesOption = None,
     group: Annotated[
-        str | None, typer.Option(metavar="BY", help="Tables differ by condition, or FILE.csv:COLUMN of people.")
+        str | None,
+        typer.Option(
+            metavar="BY",
+            help="Tables differ by condition, or by a covariate FILE.csv:COLUMN of people. Covariates are "
+            "categories: every value of the column is a group, so cut numbers into a few classes first.",
+        ),
     ] = None,
     differ: Annotated[
         str | None,
@@ -95,15 +100,14 @@ def bayes_command(
                 groups=groups, people=people, engine=cast("Engine", engine), sampler=sampler, progress=watch,
             )  # fmt: skip
         except KeyboardInterrupt as stop:
-            kept = (
-                "completed chains are kept, the same command goes on" if engine == "direct" else "nothing is kept"
-            )
+            kept = "completed chains are kept, the same command goes on"
             raise KeyboardInterrupt(*(stop.args or (kept,))) from None
     fit = stored.posterior
     if out is not None:
         write_posterior(fit, out, {"data": data, "data_digest": digest, "key": stored.key})
     report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
-    report.say("Found in the store." if stored.reused else f"Sampled in {fit.sampling_seconds:.1f} s.")
+    took = f"Sampled in {fit.sampling_seconds:.1f} s, after {fit.compile_seconds:.1f} s of compiling and loading."
+    report.say("Found in the store." if stored.reused else took)
     report.say(fit.gate.sentence)
     report.say(contraction(fit).sentence)
     if people is not None:
@@ -136,6 +140,7 @@ def posterior_to_dict(fit: Posterior) -> dict[str, Any]:
         "min_ess_tail": gate.min_ess_tail,
         "cpu_seconds": fit.cpu_seconds,
         "sampling_seconds": fit.sampling_seconds,
+        "compile_seconds": fit.compile_seconds,
         "gate": {"passed": gate.passed, "reasons": gate.reasons},
         "contraction": dict(zip(table.index, table["contraction"].tolist(), strict=True)),
         "summary": {

@@ -2,7 +2,7 @@
 
 A fit is found again only by the hash of everything that determined it, so one made by other code or other versions
 is never used again; neither is a damaged file or what a killed process left half written. An interrupted run's
-chains wait for the same command.
+chains wait for the same command of the same code and versions.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from typing import Any
 import h5py
 
 from analysis import fits
-from models.compiled import kernel_digest
+from models.bayesian_fit import EDITED
 from models.gate import Gate
-from models.posterior_files import SCHEMA, versions
 
 DAY = 86_400.0
 
 STATUS = {
     "ready": "found again by the same command",
+    "kept": "made from an edited model: never found by itself, to be read by its path",
     "outdated": "made by other code or versions: never found again",
     "interrupted": "chains of a run that was interrupted: the same command goes on with them",
     "damaged": "cannot be read",
-    "left over": "half written by a process that was killed",
+    "left over": "half written by a process that was killed, or chains of a fit that was completed",
 }
 """What an entry's status means."""
 
@@ -96,10 +96,7 @@ def _entry(path: Path) -> StoreEntry | None:
         return None
     stat = path.stat()
     if path.is_dir() and path.suffix == ".chains":
-        parts = [p.stat() for p in path.iterdir()]
-        latest = max((p.st_mtime for p in parts), default=stat.st_mtime)
-        about = _read_about(path) | {"chains_done": len(list(path.glob("*.npz")))}
-        return StoreEntry(path, path.stem, "interrupted", sum(p.st_size for p in parts), latest, about)
+        return _chains_entry(path, stat.st_mtime)
     hidden = path.name.startswith(".")
     if not path.is_file() or (".nc" not in path.suffixes if hidden else path.suffix != ".nc"):
         return None
@@ -117,20 +114,33 @@ def _entry(path: Path) -> StoreEntry | None:
             "gate": Gate(**gate).passed, "divergences": gate["divergences"], "max_rhat": gate["max_rhat"],
             "chains": int(sampled[0]), "draws": int(sampled[1]),
         }  # fmt: skip
-        current = (attributes["schema"], made_with, provenance.get("kernels")) == (
-            SCHEMA, versions(), kernel_digest(fits.ENGINE),
-        )  # fmt: skip
-        status = "ready" if current else "outdated"
+        maker = {"schema": attributes["schema"], "versions": made_with, "kernels": provenance.get("kernels")}
+        status = "ready" if maker == fits.maker() else "outdated"
+        if (settings.get("prior") or {}).get("class") == EDITED:
+            status = "kept"  # nobody can make it again without the analyst's model
     except UNREADABLE:
         return StoreEntry(path, path.stem, "damaged", stat.st_size, stat.st_mtime)
     return StoreEntry(path, path.stem, status, stat.st_size, stat.st_mtime, about)
 
 
-def _read_about(folder: Path) -> dict[str, Any]:
+def _chains_entry(folder: Path, changed: float) -> StoreEntry | None:
+    """Chains of a run that was interrupted: whether any run would go on with them."""
+    parts = [p.stat() for p in folder.iterdir()]
+    latest = max((p.st_mtime for p in parts), default=changed)
+    about: dict[str, Any] = {"chains_done": len(list(folder.glob("*.npz")))}
     try:
-        return _described(json.loads((folder / fits.ABOUT).read_text(encoding="utf-8")))
+        settings = json.loads((folder / fits.ABOUT).read_text(encoding="utf-8"))
+        about = _described(settings) | about
+        status = "interrupted" if settings.get("made_by") == fits.maker() else "outdated"
+    except FileNotFoundError:
+        if time.time() - latest < LEFT_OVER_AFTER:
+            return None  # a run that is just beginning to keep its chains
+        status = "damaged"
     except UNREADABLE:
-        return {}
+        status = "damaged"
+    if folder.with_suffix(".nc").is_file():
+        status = "left over"
+    return StoreEntry(folder, folder.stem, status, sum(p.st_size for p in parts), latest, about)
 
 
 KINDS: dict[str, Any] = {

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.chains import Chain, NutsSettings, Progress
+from models.chains import sample as sample_target
 from models.draw_kernels import constrained
+from models.entries import entries, entry_names
 from models.errors import Phrase, located
 from models.events import EventLog
 from models.fit_tree import build_tree, canonical_tables
 from models.gate import convergence_gate
 from models.groups import Groups
-from models.nuts import Chain, NutsSettings, Progress, sample
+from models.nuts import sample
 from models.parameters import STICKY, Array, DirichletPrior, Layout, checked_pins
 from models.person_offset import PersonOffset
-from models.posterior import SPREAD, Posterior
-from models.predictive import FullTables
+from models.posterior import Posterior
 from models.smc import prior_particles
 from models.study_density import ModelSpec, StudyDensity
+from models.work_clock import WorkClock
 
 Engine = Literal["direct", "pymc"]
 
 PRIOR_DRAWS = 4_000
 """Draws from the prior, relabelled like the posterior's, that contraction is measured against."""
+
+EDITED = "edited"
+"""Class of prior in the settings of a fit whose PyMC model was edited: no other fit has it."""
 
 PRIOR_STREAM = 7_102
 """First element of the spawn key of those draws."""
@@ -56,7 +61,8 @@ def fit(
     log : EventLog
     states : int
     prior : DirichletPrior
-        Sticky by default (two pseudo-counts more on staying).
+        Sticky by default (two pseudo-counts more on staying). A prior of any other form is a PyMC model's:
+        `models.edited_model.fit_model`.
     pins : mapping, optional
         Transition tables held fixed (None: the identity).
     groups : Groups, optional
@@ -64,11 +70,11 @@ def fit(
     people : PersonOffset, optional
         The hierarchical version: each person has an offset on the helping log-odds.
     engine : {"direct", "pymc"}
-        The compiled density, or the PyMC model; same posterior. Both sample with nutpie. Where it is not
-        installed, PyMC's own sampler is used for either, with a warning for `direct`.
+        The compiled density, or the PyMC model; same posterior. Both sample with nutpie, chain by chain. Where it
+        is not installed, PyMC's own sampler is used for either, with a warning for `direct`.
     sampler : NutsSettings, optional
     done, finished
-        Chains of an interrupted run, and what to do with each chain as it completes (engine `direct`).
+        Chains of an interrupted run of the same engine, and what to do with each chain as it completes.
     progress : callable, optional
 
     Raises
@@ -77,95 +83,112 @@ def fit(
         On a log without responses, pins that do not fit, or pins or a prior that tell states apart (relabelling
         would then be wrong).
     """
+    clock = WorkClock()
     sampler = sampler or NutsSettings()
     spec = ModelSpec(states, prior, {} if pins is None else pins, groups, people)
     spec = replace(spec, pins=checked_pins(Layout(log.protocol, spec.states), spec.pins))
     study = StudyDensity(log, spec)
     study.check_labels_are_free()
+    if groups is not None:
+        groups.warn_of_thin_ones(log)
     if engine == "direct" and find_spec("nutpie") is None:
         warnings.warn(
             "nutpie is not installed: PyMC's own sampler takes its place, which is much slower (engine pymc)",
             stacklevel=2,
         )
         engine = "pymc"
-    started = (time.process_time(), time.perf_counter())
+    start = clock.wall()
     if engine == "direct":
-        chains = sample(study.density, sampler, done=done, finished=finished, progress=progress)
+        chains = sample(study.density, sampler, done=done, finished=finished, progress=progress, clock=clock)
         theta = constrained(study.density, np.stack([c.x for c in chains.values()]))
-        stats = {k: np.stack([c.stats[k] for c in chains.values()]) for k in next(iter(chains.values())).stats}
     elif engine == "pymc":
-        theta, stats = _sample_pymc(study, sampler)
+        chains = _sample_pymc(study, sampler, done, finished, progress, clock)
+        theta = np.stack([c.x for c in chains.values()])
     else:
         raise located("engine", engine, "direct or pymc")
-    seconds = time.perf_counter() - started[1]
-    if not np.isfinite(theta).all():
-        raise located("posterior draws", Phrase("numbers that are not finite"), "finite draws: nothing is stored")
-    stats["lp"] = stats["lp"] + (study.density.constant if engine == "direct" else 0.0)
-    posterior = canonical_tables(study, theta)
+    seconds = clock.wall() - start
+    stats = stacked(chains)
+    if engine == "direct":
+        stats["lp"] = stats["lp"] + study.density.constant
     rng = np.random.default_rng(np.random.SeedSequence(sampler.seed, spawn_key=(PRIOR_STREAM, states)))
     prior_theta = constrained(study.density, prior_particles(study.density, PRIOR_DRAWS, rng))
-    by_person = study.log_likelihoods(theta)
-    data = build_tree(
-        study, posterior, canonical_tables(study, prior_theta[None]), stats, by_person, sampler.seed
-    )  # fmt: skip
-    names, quantities = _gate_quantities(study, posterior, by_person)
-    gate = convergence_gate(quantities, names, int(stats["diverging"].sum()))
     settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
-    if people is not None:
-        settings["node_check"] = study.node_check(
-            theta[:, :: max(1, sampler.draws // 10)].reshape(-1, theta.shape[-1])
-        )
-    return Posterior(
-        data, log.protocol, gate, settings, study.log.emission_weights, time.process_time() - started[0], seconds
+    posterior = examined(study, theta, prior_theta, stats, settings)
+    return replace(
+        posterior,
+        cpu_seconds=clock.cpu() + sum(c.cpu_seconds for i, c in (done or {}).items() if i in chains),
+        sampling_seconds=seconds,
+        compile_seconds=clock.compile_seconds,
     )
 
 
-def _gate_quantities(
-    study: StudyDensity, tables: FullTables, by_person: Array
-) -> tuple[list[str], NDArray[np.float64]]:
-    """Every entry after relabelling, and label-invariant quantities: log-likelihood in all and by condition."""
+def stacked(chains: Mapping[int, Chain]) -> dict[str, NDArray]:
+    """Statistics of several chains, ``[chain, draw]``."""
+    each = list(chains.values())
+    return {name: np.stack([c.stats[name] for c in each]) for name in each[0].stats}
+
+
+def examined(
+    study: StudyDensity, theta: Array, prior_theta: Array, stats: Mapping[str, NDArray], settings: Mapping[str, Any]
+) -> Posterior:  # fmt: skip
+    """Put draws into canonical order and through the gate, and keep what is needed later.
+
+    Parameters
+    ----------
+    study : StudyDensity
+    theta : float64[chain, draw, p]
+        Learned vectors, sigma last where people differ.
+    prior_theta : float64[draw, p]
+        Draws from the prior, which contraction is measured against.
+    stats : mapping of str to arrays [chain, draw]
+        Of the sampler; ``diverging`` counts in the gate.
+    settings : mapping
+        What determined the sample, with ``sampler`` (its seed is that of the predictive responses).
+
+    Raises
+    ------
+    InputError
+        On draws that are not finite.
+    """
+    if not np.isfinite(theta).all():
+        raise located("posterior draws", Phrase("numbers that are not finite"), "finite draws: nothing is stored")
+    by_person = study.log_likelihoods(theta)
+    posterior, prior = canonical_tables(study, theta), canonical_tables(study, prior_theta[None])
+    data = build_tree(study, posterior, prior, stats, by_person, settings["sampler"]["seed"])
+    draws = data["posterior"].to_dataset()
+    names, likelihoods = _likelihoods(study, by_person)
+    gate = convergence_gate(
+        np.concatenate([entries(draws, study.log.protocol), likelihoods], axis=-1),
+        [*entry_names(draws, study.log.protocol), *names],
+        int(np.sum(stats.get("diverging", 0))),
+    )
+    if study.density.people_differ:
+        some = theta[:, :: max(1, theta.shape[1] // 10)].reshape(-1, theta.shape[-1])
+        settings = {**settings, "node_check": study.node_check(some)}
+    return Posterior(data, study.log.protocol, gate, settings, study.log.emission_weights, 0.0, 0.0)
+
+
+def _likelihoods(study: StudyDensity, by_person: Array) -> tuple[list[str], NDArray[np.float64]]:
+    """Label-invariant quantities: log-likelihood by condition and in all, ``[chain, draw, quantity]``."""
     log = study.log
-    lead = tables.initial.shape[:2]
     names, columns = [], []
-    for name in ("initial", "transition", "emission"):
-        table = getattr(tables, name)
-        places = [",".join(map(str, place)) for place in np.ndindex(table.shape[2:])]
-        names += [f"{name}[{place}]" for place in places]
-        columns.append(table.reshape(*lead, -1))
-    if tables.spread is not None:
-        names.append(SPREAD)
-        columns.append(tables.spread[..., None])
     first = np.unique(study.person, return_index=True)[1]
     for c, name in enumerate(log.conditions):
         members = log.condition[first] == c
         if members.any():
-            columns.append(by_person[..., members].sum(axis=-1)[..., None])
             names.append(f"log-likelihood of condition {name}")
-    columns.append(by_person.sum(axis=-1)[..., None])
-    names.append("log-likelihood")
-    return names, np.concatenate(columns, axis=-1)
+            columns.append(by_person[..., members].sum(axis=-1))
+    return [*names, "log-likelihood"], np.stack([*columns, by_person.sum(axis=-1)], axis=-1)
 
 
-def _sample_pymc(study: StudyDensity, sampler: NutsSettings) -> tuple[Array, dict[str, NDArray]]:
-    import pymc as pm
-    from pymc.model.transform.optimization import freeze_dims_and_data
+def _sample_pymc(
+    study: StudyDensity, sampler: NutsSettings, done: Mapping[int, Chain] | None,
+    finished: Callable[[int, Chain], None] | None, progress: Progress | None, clock: WorkClock,
+) -> dict[int, Chain]:  # fmt: skip
+    with clock.preparing():
+        from models.pymc_engine import ModelTarget, sampled_by_pymc  # loads PyMC; the direct engine does without
 
-    from models.bayesian_hmm import learned_vector, model_of  # loads PyMC, which the direct engine does without
-
-    # Shapes and data as constants, and no checks of parameters that cannot leave their range: less to compile.
-    model = freeze_dims_and_data(model_of(study))
-    model.check_bounds = False
-    with model:
-        trace = pm.sample(
-            sampler.draws, tune=sampler.tune, chains=sampler.chains, random_seed=sampler.seed, progressbar=False,
-            nuts={"target_accept": sampler.target_accept}, compute_convergence_checks=False,
-        )  # fmt: skip
-    theta = learned_vector(study, trace["posterior"].to_dataset())
-    if theta.shape[:2] != (sampler.chains, sampler.draws) or not np.isfinite(theta).all():
-        # The samplers behind PyMC swallow Ctrl-C and hand back what they have.
-        raise KeyboardInterrupt("nothing of engine pymc is kept: the run starts anew")
-    own = trace["sample_stats"].to_dataset()
-    # nutpie and PyMC's own sampler call the log-posterior by different names.
-    names = {"diverging": ("diverging",), "n_steps": ("n_steps",), "energy": ("energy",), "lp": ("logp", "lp")}
-    found = {k: next((own[v] for v in options if v in own), None) for k, options in names.items()}
-    return theta, {k: v.to_numpy() for k, v in found.items() if v is not None}
+        target = ModelTarget.of(study)
+    if find_spec("nutpie") is not None:
+        return sample_target(target, sampler, done=done, finished=finished, progress=progress, clock=clock)
+    return sampled_by_pymc(target, sampler)

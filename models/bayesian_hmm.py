@@ -125,6 +125,15 @@ def model_of(study: StudyDensity) -> pm.Model:
     return model
 
 
+def learned_names(study: StudyDensity) -> list[str]:
+    """Variables of the PyMC model that hold what is learned: the tables, and sigma where people differ."""
+    protocol = study.log.protocol
+    emission = "emission"
+    if protocol.n_responses == 2:
+        emission = f"{protocol.response_names[int(np.argmax(protocol.scores))]}_probability"
+    return ["initial", "transition", emission, *([SPREAD] if study.density.people_differ else [])]
+
+
 def learned_vector(study: StudyDensity, draws: xr.Dataset) -> Array:
     """Draws of the PyMC model as vectors ``[chain, draw, p]``, sigma last where people differ."""
     layout, protocol = study.layout, study.log.protocol

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from models.entries import SPREAD
 from models.histories import UNSEEN
 from models.labels import canonical_order
 from models.lspomdp import default_state_names
 from models.parameters import Array
-from models.posterior import SPREAD
 from models.predictive import FullTables, predictive_responses
 from models.study_density import StudyDensity
 
@@ -48,7 +49,7 @@ def build_tree(
     study: StudyDensity, posterior: FullTables, prior: FullTables, stats: Mapping[str, NDArray], by_person: Array,
     seed: int,
 ) -> xr.DataTree:  # fmt: skip
-    """All groups of a stored fit.
+    """All groups of a stored fit; each has the coordinates ``chain`` and ``draw``, as ArviZ wants them.
 
     Parameters
     ----------
@@ -63,14 +64,18 @@ def build_tree(
         Of the simulated studies.
     """
     people = np.unique(study.log.participant)
+    chains, draws = by_person.shape[:2]
     log_likelihood = xr.Dataset(
-        {"participant": (("chain", "draw", "person"), by_person)}, coords={"person": people}
+        {"participant": (("chain", "draw", "person"), by_person)},
+        coords={**_numbered(chains, draws), "person": people},
     )
     return xr.DataTree.from_dict(
         {
             "posterior": named(study, posterior),
             "prior": named(study, prior),
-            "sample_stats": xr.Dataset({k: (("chain", "draw"), v) for k, v in stats.items()}),
+            "sample_stats": xr.Dataset(
+                {k: (("chain", "draw"), v) for k, v in stats.items()}, coords=_numbered(chains, draws)
+            ),
             "log_likelihood": log_likelihood,
             "prior_predictive": _predictive(study, prior, seed, 0),
             "posterior_predictive": _predictive(study, posterior, seed, 1),
@@ -85,7 +90,7 @@ def named(study: StudyDensity, tables: FullTables) -> xr.Dataset:
     lead, groups = tables.initial.shape[:-2], layout.n_groups
     names = list(default_state_names(layout.n_states))
     coords = {
-        "state": names, "state_next": names, "action": list(p.action_names),
+        **_numbered(*lead), "state": names, "state_next": names, "action": list(p.action_names),
         "emission_action": list(p.emission_actions), "response": list(p.response_names),
     }  # fmt: skip
     differ: tuple[str, ...] = ()
@@ -119,7 +124,11 @@ def _predictive(study: StudyDensity, tables: FullTables, seed: int, which: int) 
     streams = [np.random.SeedSequence(seed, spawn_key=(PREDICTIVE_STREAM, which, d)) for d in range(chains * each)]
     responses = predictive_responses(FullTables(*some), study.log, streams, study.spec.groups)  # type: ignore[arg-type]
     seen = responses[:, study.log.response != UNSEEN].reshape(chains, each, -1)
-    return _events(study, seen, ("chain", "draw"))
+    return _events(study, seen, ("chain", "draw")).assign_coords(chain=np.arange(chains), draw=kept)
+
+
+def _numbered(chains: int, draws: int) -> dict[str, Any]:
+    return {"chain": np.arange(chains), "draw": np.arange(draws)}
 
 
 def _events(study: StudyDensity, values: NDArray[np.int8], lead: tuple[str, ...]) -> xr.Dataset:

@@ -12,6 +12,9 @@ from models.quiet import without_warnings
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
 
+FEWEST_DRAWS = 4
+"""Draws a chain below which ArviZ computes neither r-hat nor effective sample sizes."""
+
 
 @dataclass(frozen=True)
 class Gate:
@@ -21,11 +24,13 @@ class Gate:
     ----------
     divergences : int
     max_rhat : float
-        Largest rank-normalised split r-hat.
+        Largest rank-normalised split r-hat; NaN if there is none.
     min_ess_bulk, min_ess_tail : float
-        Smallest effective sample sizes.
+        Smallest effective sample sizes; NaN if there are none.
     worst : str
-        The quantity with the largest r-hat.
+        The quantity with the largest r-hat (the smallest effective sample size, without an r-hat).
+    chains, draws : int, optional
+        Chains, and draws in each of them.
     """
 
     divergences: int
@@ -33,18 +38,40 @@ class Gate:
     min_ess_bulk: float
     min_ess_tail: float
     worst: str
+    chains: int | None = None
+    draws: int | None = None
 
     @property
     def reasons(self) -> list[str]:
         """Why the gate is shut; empty if it is passed."""
         out = []
         if self.divergences > 0:
-            out.append(f"{self.divergences} divergent transitions, none allowed")
+            out.append(f"{self.divergences} divergent transition{'s' * (self.divergences > 1)}, none allowed")
+        if self._impossible:
+            return [*out, *self._impossible]
         if not self.max_rhat < MAX_RHAT:
-            out.append(f"largest r-hat {self.max_rhat:.4f} ({self.worst}), below {MAX_RHAT} wanted")
+            found = "not a number" if np.isnan(self.max_rhat) else f"{self.max_rhat:.4f}"
+            out.append(f"largest r-hat {found} ({self.worst}), below {MAX_RHAT} wanted")
+        return out + self._too_small
+
+    @property
+    def _impossible(self) -> list[str]:
+        """What there cannot be for want of chains or draws."""
+        if self.draws is not None and self.draws < FEWEST_DRAWS:
+            return [
+                f"r-hat and effective sample sizes need at least {FEWEST_DRAWS} draws a chain, found {self.draws}"
+            ]
+        if self.chains == 1:
+            return ["r-hat needs at least two chains, found one", *self._too_small]
+        return []
+
+    @property
+    def _too_small(self) -> list[str]:
+        out = []
         for name, value in (("bulk", self.min_ess_bulk), ("tail", self.min_ess_tail)):
             if not value > MIN_ESS:
-                out.append(f"smallest {name} effective sample size {value:.0f}, above {MIN_ESS:.0f} wanted")
+                found = "not a number" if np.isnan(value) else f"{value:.0f}"
+                out.append(f"smallest {name} effective sample size {found}, above {MIN_ESS:.0f} wanted")
         return out
 
     @property
@@ -55,10 +82,15 @@ class Gate:
     @property
     def sentence(self) -> str:
         """The gate in one sentence."""
-        numbers = (
-            f"{self.divergences} divergences, largest r-hat {self.max_rhat:.4f}, smallest effective sample sizes "
-            f"{self.min_ess_bulk:.0f} (bulk) and {self.min_ess_tail:.0f} (tail)"
+        one = self.divergences == 1
+        rhat = "no r-hat" if np.isnan(self.max_rhat) else f"largest r-hat {self.max_rhat:.4f}"
+        sizes = [self.min_ess_bulk, self.min_ess_tail]
+        ess = (
+            "no effective sample sizes"
+            if any(map(np.isnan, sizes))
+            else f"smallest effective sample sizes {sizes[0]:.0f} (bulk) and {sizes[1]:.0f} (tail)"
         )
+        numbers = f"{self.divergences} divergence{'s' * (not one)}, {rhat}, {ess}"
         if self.passed:
             return f"Convergence gate passed: {numbers}."
         return f"Convergence gate FAILED ({'; '.join(self.reasons)}): {numbers}. Do not rely on these numbers."
@@ -80,12 +112,19 @@ def convergence_gate(draws: NDArray[np.float64], names: list[str], divergences: 
         # A quantity that is not a number is kept, so that it shuts the gate.
         varies = ~(np.ptp(draws.reshape(-1, draws.shape[-1]), axis=0) <= 1e-14)
     kept = [n for n, ok in zip(names, varies, strict=True) if ok]
-    if not kept:
-        return Gate(int(divergences), float("nan"), float("nan"), float("nan"), "nothing varies")
+    chains, n = draws.shape[:2]
+    none = float("nan")
+    if not kept or n < FEWEST_DRAWS:
+        worst = kept[0] if kept else "nothing varies"
+        return Gate(int(divergences), none, none, none, worst, chains, n)
     with without_warnings():
         tree = az.from_dict({"posterior": {"q": draws[..., varies]}})
-        rhat = np.atleast_1d(az.rhat(tree)["q"].values)
         bulk = np.atleast_1d(az.ess(tree, method="bulk")["q"].values)
         tail = np.atleast_1d(az.ess(tree, method="tail")["q"].values)
-    worst = int(np.nanargmax(np.where(np.isnan(rhat), np.inf, rhat)))
-    return Gate(int(divergences), float(np.max(rhat)), float(np.min(bulk)), float(np.min(tail)), kept[worst])
+        rhat = np.atleast_1d(az.rhat(tree)["q"].values) if chains > 1 else np.full(len(kept), np.nan)
+    # A quantity without a value is the worst.
+    badness = np.where(np.isnan(rhat), np.inf, rhat) if chains > 1 else -np.where(np.isnan(bulk), -np.inf, bulk)
+    worst = kept[int(np.argmax(badness))]
+    return Gate(
+        int(divergences), float(np.max(rhat)), float(np.min(bulk)), float(np.min(tail)), worst, chains, n
+    )  # fmt: skip

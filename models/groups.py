@@ -8,6 +8,7 @@ tied: `GroupedLayout` holds each of them once.
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,6 +23,28 @@ from models.histories import UNSEEN, HistoryTree
 from models.parameters import Array, Layout
 
 TABLES = ("initial", "transition", "emission")
+
+FEW_PEOPLE = 10
+"""People below which a group is called small."""
+
+MANY_GROUPS = 10
+"""Groups above which a covariate is probably no category."""
+
+
+class GroupWarning(UserWarning):
+    """Groups whose own tables will hardly be learned."""
+
+
+class EmptyGroupWarning(GroupWarning):
+    """Nobody of a group has a recorded response: its tables are their prior."""
+
+
+class SmallGroupWarning(GroupWarning):
+    """A group has few people: its tables are mostly their prior."""
+
+
+class ManyGroupsWarning(GroupWarning):
+    """So many groups that the covariate is probably a number, of which every value became a group."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +158,38 @@ class Groups:
         index = np.asarray(log.protocol.emission_index)[log.action] + tables * self.run_group[log.run_of_event]
         return np.bincount(index[seen], minlength=self.n * tables).astype(np.float64)
 
+    def warn_of_thin_ones(self, log: EventLog) -> None:
+        """Warn, by name, of groups without responses, of small ones, and of very many.
+
+        Warns
+        -----
+        EmptyGroupWarning, SmallGroupWarning, ManyGroupsWarning
+        """
+        place = f"groups by {self.by}"
+        if self.n > MANY_GROUPS:
+            warnings.warn(
+                f"{place}: {self.n} groups, more than {MANY_GROUPS}; covariates are categories: a number, such as "
+                "an age, has to be cut into a few classes first",
+                ManyGroupsWarning, stacklevel=3,
+            )  # fmt: skip
+        seen = self.run_group[log.run_of_event[log.response != UNSEEN]]
+        responses = np.bincount(seen, minlength=self.n)
+        empty = [label for label, count in zip(self.labels, responses, strict=True) if count == 0]
+        if empty:
+            warnings.warn(
+                f"{place}: nobody in {_named(empty)} has a recorded response; what differs by group is its prior "
+                "there",
+                EmptyGroupWarning, stacklevel=3,
+            )  # fmt: skip
+        people = [len(np.unique(log.participant[self.run_group == g])) for g in range(self.n)]
+        small = [f"{label} ({n})" for label, n in zip(self.labels, people, strict=True) if n < FEW_PEOPLE]
+        if small:
+            warnings.warn(
+                f"{place}: fewer than {FEW_PEOPLE} people in {_named(small)}; what differs by group is mostly its "
+                "prior there",
+                SmallGroupWarning, stacklevel=3,
+            )  # fmt: skip
+
     def to_dict(self) -> dict[str, object]:
         """What identifies the groups, for settings and keys of stored fits."""
         members = hashlib.sha256(self.run_group.astype("<i8").tobytes()).hexdigest()[:16]
@@ -237,3 +292,8 @@ class GroupedLayout(Layout):
 def _nothing(value: object) -> bool:
     """Whether a covariate has no value: None, not a number, or empty text."""
     return value is None or value != value or not str(value).strip()
+
+
+def _named(labels: list[str], most: int = 5) -> str:
+    rest = len(labels) - most
+    return ", ".join(labels[:most]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,4 +1,4 @@
-"""The one file that knows nutpie's insides: a compiled density as a nutpie model that samples without the GIL.
+"""A compiled density as a nutpie model that samples without the GIL.
 
 nutpie calls a C function for the density. Ours is one cached `cfunc` for every study: the arrays of the study
 reach it through a table of addresses, so a new study costs no compilation.
@@ -9,10 +9,7 @@ reach it through a table of addresses, so a new study costs no compilation.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
 from functools import cache
 from threading import Event
 from typing import Any
@@ -20,15 +17,20 @@ from typing import Any
 import numba
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from models import chains as runs
+from models.chains import STATS, Chain, NutsSettings, Progress
 from models.compiled import kernel_callback
-from models.errors import located
 from models.histories import TreeArrays
 from models.hmm_density import HmmDensity, RowPlan, StudyArrays, log_density
 from models.people_kernel import PeopleArrays
+from models.work_clock import WorkClock
+
+__all__ = ["STATS", "Chain", "NutsSettings", "Progress", "callback_of", "sample", "sample_chain"]
 
 HEADER = 14
 """Dimension; states, actions, emission tables, responses; then lengths: nodes, rows, full vector, learned entries,
@@ -39,49 +41,8 @@ ARRAYS = 21
 MOST_STATES = 6
 """Numbers of states up to which a callback is compiled for that number alone."""
 
-Progress = Callable[[str, int, int], None]
-
-
 STREAM = 7_101
 """First element of the spawn keys of chains."""
-
-STATS = {"diverging": "diverging", "n_steps": "n_steps", "depth": "depth", "energy": "energy", "lp": "logp"}
-"""Our names of the sampler's statistics and nutpie's."""
-
-
-@dataclass(frozen=True)
-class NutsSettings:
-    """How to sample. `target_accept` above nutpie's .8 keeps the corners of the simplex free of divergences."""
-
-    draws: int = 1000
-    tune: int = 1000
-    chains: int = 4
-    seed: int = 1
-    target_accept: float = 0.95
-
-    def __post_init__(self) -> None:
-        for name, low in (("draws", 4), ("tune", 50), ("chains", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
-                raise located(f"sampling, {name}", value, f"an integer of at least {low}")
-            object.__setattr__(self, name, int(value))  # numpy's integers do not go into settings files
-        if not 0.5 <= self.target_accept < 1:
-            raise located("sampling, target_accept", self.target_accept, "a number from 0.5 to below 1")
-
-
-@dataclass(frozen=True)
-class Chain:
-    """One chain on unconstrained coordinates.
-
-    Attributes
-    ----------
-    x : float64[draw, coordinate]
-    stats : dict of str to arrays [draw]
-        `diverging`, `n_steps`, `depth`, `energy`, `lp`.
-    """
-
-    x: NDArray[np.float64]
-    stats: dict[str, NDArray]
 
 
 @intrinsic
@@ -262,6 +223,29 @@ def _model(density: HmmDensity) -> Any:
     return Model({"x": ("coordinate",)})
 
 
+class DensityTarget:
+    """The compiled density as something to sample; draws are its unconstrained coordinates."""
+
+    stream = STREAM
+
+    def __init__(self, density: HmmDensity) -> None:
+        self.density = density
+
+    def prepare(self) -> None:
+        """Compile the callbacks."""
+        import nutpie  # noqa: F401
+
+        callback_of(self.density), _expand()
+
+    def nutpie_model(self) -> Any:
+        """One for each chain: it holds the arrays its callbacks read."""
+        return _model(self.density)
+
+    def columns(self, posterior: xr.Dataset) -> NDArray[np.float64]:
+        """Coordinates as they come."""
+        return posterior["x"].to_numpy()[0]
+
+
 def sample_chain(
     density: HmmDensity,
     chain: int,
@@ -269,35 +253,8 @@ def sample_chain(
     progress: Callable[[int], None] | None = None,
     stop: Event | None = None,
 ) -> Chain:
-    """Run one chain; its stream depends on seed and chain number only, so chains can be run anywhere, any time.
-
-    Setting `stop` from another thread ends it with `CancelledError`.
-    """
-    import nutpie
-
-    stream = np.random.SeedSequence(settings.seed, spawn_key=(STREAM, chain))
-    sampler = nutpie.sample(
-        _model(density), draws=settings.draws, tune=settings.tune, chains=1, cores=1,
-        seed=int(stream.generate_state(1)[0]), target_accept=settings.target_accept, progress_bar=False,
-        save_warmup=False, blocking=False, progress_rate=200,
-        progress_callback=None if progress is None else lambda chains: progress(chains[0].finished_draws),
-    )  # fmt: skip
-    try:
-        while True:
-            try:
-                tree = sampler.wait(timeout=0.2)
-                break
-            except TimeoutError:  # still sampling: a moment to notice that it was called off
-                if stop is not None and stop.is_set():
-                    raise CancelledError from None
-    except BaseException:
-        sampler.cancel()
-        raise
-    stats = tree["sample_stats"]
-    return Chain(
-        np.ascontiguousarray(tree["posterior"]["x"].to_numpy()[0]),
-        {name: stats[key].to_numpy()[0] for name, key in STATS.items()},
-    )
+    """`models.chains.sample_chain` of a density."""
+    return runs.sample_chain(DensityTarget(density), chain, settings, progress, stop)
 
 
 def sample(
@@ -307,50 +264,9 @@ def sample(
     done: Mapping[int, Chain] | None = None,
     finished: Callable[[int, Chain], None] | None = None,
     progress: Progress | None = None,
+    clock: WorkClock | None = None,
 ) -> dict[int, Chain]:
-    """Run the chains that are not `done`, two or more at a time in threads.
-
-    Parameters
-    ----------
-    density : HmmDensity
-    settings : NutsSettings
-    done : mapping of int to Chain, optional
-        Chains of an interrupted earlier run.
-    finished : callable, optional
-        Called with each chain as it completes, so that it can be kept.
-    progress : callable, optional
-        Called with (label, done, total) draws over all chains, tuning included.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        On Ctrl-C; chains that were complete have been passed to `finished`.
-    """
-    chains = dict(done or {})
-    missing = [c for c in range(settings.chains) if c not in chains]
-    total = settings.chains * (settings.draws + settings.tune)
-    stop = Event()
-    counts = dict.fromkeys(chains, settings.draws + settings.tune)
-
-    def run(chain: int) -> Chain:
-        def update(n: int) -> None:
-            counts[chain] = n
-            if progress is not None:
-                progress("sampling", sum(counts.values()), total)
-
-        return sample_chain(density, chain, settings, update if progress is not None else None, stop)
-
-    callback_of(density), _expand()  # compiled once, before threads ask for them
-    pool = ThreadPoolExecutor(max_workers=max(1, min(len(missing), os.cpu_count() or 1)))
-    try:
-        futures = {pool.submit(run, c): c for c in missing}
-        for future in as_completed(futures):
-            chains[futures[future]] = future.result()
-            if finished is not None:
-                finished(futures[future], chains[futures[future]])
-    except BaseException:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
-        raise
-    pool.shutdown()
-    return {c: chains[c] for c in sorted(chains)}
+    """`models.chains.sample` of a density."""
+    return runs.sample(
+        DensityTarget(density), settings, done=done, finished=finished, progress=progress, clock=clock
+    )

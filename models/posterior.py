@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from models.entries import SPREAD, TABLES, entries, entry_names
 from models.errors import InputError, located
 from models.event_rules import one_of
 from models.gate import Gate
@@ -18,10 +19,7 @@ from models.model_draws import ModelDraws
 from models.parameters import Array
 from models.protocol import Protocol
 
-TABLES = ("initial", "transition", "emission")
-
-SPREAD = "person_sd"
-"""Name of sigma, the standard deviation of the people's offsets, where people differ."""
+__all__ = ["SPREAD", "TABLES", "Posterior"]
 
 
 @dataclass(frozen=True)
@@ -34,15 +32,20 @@ class Posterior:
         Groups `posterior` (``initial``, ``transition``, ``emission``, dims chain, draw and names, with ``group``
         where a table differs between groups of people; ``person_sd`` where people differ), `prior` (relabelled the
         same way), `sample_stats`, `log_likelihood` (by participant), `prior_predictive`, `posterior_predictive`
-        (responses of simulated studies), `observed_data`.
+        (responses of simulated studies, of some of the draws: the coordinate says which), `observed_data`.
     protocol : Protocol
     gate : Gate
     settings : mapping
         Everything that determined the sample: states, prior, pins, sampler, engine, seed.
     emission_weights : float64[e]
         Weights of the canonical order.
-    cpu_seconds, sampling_seconds : float
-        CPU time of everything but compilation, wall time of sampling.
+    cpu_seconds : float
+        CPU time of everything but compilation. Chains that were kept by an interrupted run count with what they
+        took then; what an interruption lost does not count.
+    sampling_seconds : float
+        Wall time of sampling in the run that completed the fit, without compilation.
+    compile_seconds : float
+        Wall time that compiling, and loading what was compiled before, took in that run.
     """
 
     data: xr.DataTree
@@ -52,6 +55,7 @@ class Posterior:
     emission_weights: Array
     cpu_seconds: float
     sampling_seconds: float
+    compile_seconds: float = 0.0
 
     @property
     def n_states(self) -> int:
@@ -130,26 +134,7 @@ class Posterior:
     @cached_property
     def entry_names(self) -> list[str]:
         """Names such as ``transition[help,s0,s1]``, ``initial[s0 | older]`` in a group, in the order of `flat`."""
-        n, p = self.n_states, self.protocol
-        own = {
-            "initial": ("initial", [f"s{s}" for s in range(n)]),
-            "transition": (
-                "transition", [f"{a},s{s},s{t}" for a in p.action_names for s in range(n) for t in range(n)]
-            ),
-            "emission": (
-                "emission",
-                [f"{a},s{s},{o}" for a in p.emission_actions for s in range(n) for o in p.response_names],
-            ),
-        }  # fmt: skip
-        if p.n_responses == 2:
-            top = p.response_names[int(np.argmax(p.scores))]
-            own["emission"] = (f"{top}_probability", [f"{a},s{s}" for a in p.emission_actions for s in range(n)])
-        names = []
-        for table in TABLES:
-            name, places = own[table]
-            of = [f" | {g}" for g in self.groups] if self.differs(table) else [""]
-            names += [f"{name}[{place}{g}]" for g in of for place in places]
-        return [*names, SPREAD] if self.people_differ else names
+        return entry_names(self.data["posterior"].to_dataset(), self.protocol)
 
     def differs(self, table: str) -> bool:
         """Whether a table differs between groups."""
@@ -157,12 +142,7 @@ class Posterior:
 
     def flat(self, group: str = "posterior") -> Array:
         """Draws of every named entry, ``[chain, draw, entry]``."""
-        parts = [self._values(name, group) for name in TABLES]
-        if self.protocol.n_responses == 2:
-            parts[2] = parts[2][..., int(np.argmax(self.protocol.scores))]
-        if self.people_differ:
-            parts.append(self._values(SPREAD, group))
-        return np.concatenate([p.reshape(*p.shape[:2], -1) for p in parts], axis=-1)
+        return entries(self.data[group].to_dataset(), self.protocol)
 
     def summary(self) -> pd.DataFrame:
         """Mean, standard deviation and 5%, 50%, 95% quantiles of every entry, with its contraction."""

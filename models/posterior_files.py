@@ -24,10 +24,12 @@ from models.model_files import write_bytes
 from models.posterior import TABLES, Posterior
 from models.protocol import Protocol
 
-SCHEMA = "prosocial-posterior/2"
+SCHEMA = "prosocial-posterior/3"
+A_FIT = "a fit of `prosocial bayes` of this version (one that an older version wrote has to be made anew)"
 PACKAGES = ("numpy", "numba", "pymc", "nutpie", "arviz", "xarray")
 
-SEALED = ("protocol", "gate", "settings", "emission_weights", "cpu_seconds", "sampling_seconds")
+SECONDS = ("cpu_seconds", "sampling_seconds", "compile_seconds")
+SEALED = ("protocol", "gate", "settings", "emission_weights", *SECONDS)
 """Attributes the digest covers: all but the versions and the provenance, which determine no number."""
 
 
@@ -83,8 +85,7 @@ def write_posterior(fit: Posterior, path: str | Path, provenance: Mapping[str, A
         "gate": json.dumps(vars(fit.gate)),
         "settings": json.dumps(dict(fit.settings)),
         "emission_weights": json.dumps(fit.emission_weights.tolist()),
-        "cpu_seconds": float(fit.cpu_seconds),
-        "sampling_seconds": float(fit.sampling_seconds),
+        **{name: float(getattr(fit, name)) for name in SECONDS},
         "versions": json.dumps(versions()),
         "provenance": json.dumps(dict(provenance or {})),
     }
@@ -119,7 +120,7 @@ def read_posterior(path: str | Path) -> Posterior:
         raise InputError(f"{path}: not a readable netCDF file ({_short(error)})") from None
     attributes = {str(name): value for name, value in data.attrs.items()}
     if str(attributes.get("schema")) != SCHEMA:
-        raise located(f"{path}, schema", str(attributes.get("schema")), f"{SCHEMA!r}: a fit of `prosocial bayes`")
+        raise located(f"{path}, schema", str(attributes.get("schema")), f"{SCHEMA!r}: {A_FIT}")
 
     def stored_as[T](name: str, build: Callable[[Any], T]) -> T:
         """What an attribute says; whatever is wrong with it is damage, told with its name."""
@@ -136,7 +137,7 @@ def read_posterior(path: str | Path) -> Posterior:
     settings = stored_as("settings", _mapping)
     states = stored_as("settings", lambda text: _mapping(text)["states"])
     weights = stored_as("emission_weights", lambda text: np.array(json.loads(text), dtype=np.float64))
-    cpu_seconds, sampling_seconds = stored_as("cpu_seconds", float), stored_as("sampling_seconds", float)
+    seconds = [stored_as(name, float) for name in SECONDS]
     provenance, stored_versions = stored_as("provenance", _mapping), stored_as("versions", _mapping)
     digest = stored_as("content_digest", str)
     try:
@@ -155,7 +156,7 @@ def read_posterior(path: str | Path) -> Posterior:
     if other:
         warnings.warn(f"{path} was made with other versions: {', '.join(other)}", stacklevel=2)
     settings = {**settings, "provenance": provenance}
-    return Posterior(data, protocol, gate, settings, weights, cpu_seconds, sampling_seconds)
+    return Posterior(data, protocol, gate, settings, weights, *seconds)
 
 
 def _mapping(text: Any) -> dict[str, Any]:

@@ -29,8 +29,9 @@ FAST = False
 SEED = 1
 
 # %%
+from dataclasses import replace
+
 import numpy as np
-import nutpie
 import pandas as pd
 import pymc as pm
 
@@ -49,11 +50,11 @@ from analysis.predictive_checks import posterior_checks, prior_predictive, prior
 from analysis.simulate import calibrated_truth
 from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
 from models.bayesian_hmm import build_model
+from models.edited_model import fit_model
 from models.errors import InputError
 from models.nuts import NutsSettings
 from models.person_offset import PersonOffset
 from models.protocol import PUBLISHED
-from models.relabel import relabel_draws
 
 # %%
 data = load("simulated_study1")
@@ -85,21 +86,13 @@ with model:
 print("without it:", round(float(build_model(log, 2).compile_logp()(point)), 2))
 
 # %% [markdown]
-# The edited prior still treats all states alike, so draws may be put into canonical order afterwards. A prior that *tells
-# states apart* (another one for s0 than for s1) must not be relabelled: then the labels are the prior's. Sampling it is
-# what it always is in PyMC:
+# The edited prior still treats all states alike, so its draws may be put into canonical order; `fit_model` samples the
+# model, sees to the order and the gate, and measures contraction against the edited prior. One that *tells states apart*
+# (another term for s0 than for s1) is refused there: its labels are the prior's own.
 
 # %%
-draws = 200 if FAST else 1000
-compiled = nutpie.compile_pymc_model(model)
-trace = nutpie.sample(compiled, draws=draws, tune=draws, chains=2, seed=SEED, progress_bar=False, target_accept=0.9)
-group = trace["posterior"]
-helps = group["help_probability"].to_numpy()
-_, _, edited = relabel_draws(
-    group["initial"].to_numpy(), group["transition"].to_numpy(), np.stack([1 - helps, helps], axis=-1),
-    PUBLISHED.scores, log.emission_weights,
-)  # fmt: skip
-print("divergences:", int(trace["sample_stats"]["diverging"].sum()))
+edited_fit = fit_model(model, log, 2, sampler=replace(sampler, chains=2))
+print(edited_fit.gate.sentence)
 
 # %% [markdown]
 # For the many fits below the workbench has a *direct* engine: the same density, to nine digits, without PyTensor's
@@ -117,7 +110,7 @@ plain = fits[2].table("emission")
 pd.DataFrame(
     {
         name: table[..., 1, :, 1].reshape(-1, 2).mean(0)
-        for name, table in (("as it was", plain), ("edited", edited))
+        for name, table in (("as it was", plain), ("edited", edited_fit.table("emission")))
     },
     index=["help rate after a signal, s0", "s1"],
 ).round(3)

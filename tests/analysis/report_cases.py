@@ -1,13 +1,19 @@
-"""Small logs for the tests of rates, flow, figures and the report."""
+"""Small logs for the tests of rates, flow, figures and the report, and reports that take little effort."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
+from analysis import held_out_contenders
 from analysis.datasets import Card, DataSet, log_digest
+from analysis.report.effort import Effort
+from analysis.report.sections import held_out
 from models.events import EventLog
 from models.protocol import PUBLISHED, Action, Mode, Protocol, Response
+from models.smc import SmcSettings
 
 CORRIDOR = Protocol(
     "corridor",
@@ -61,3 +67,38 @@ def random_log(protocol, people=60, rounds=6, seed=1, missing=0.05, stop=0.0):
 def data_set(log, **card):
     """Data set with a card made up for a test."""
     return DataSet(log, Card(**{"name": "small", "title": "A small study", **card}), (), log_digest(log))
+
+
+FEW_PARTICLES = (
+    (held_out_contenders, "LETTING_IN", SmcSettings(60, 2, moves=1)),
+    (held_out_contenders, "HIERARCHICAL_PARTICLES", 30),
+)
+FEW_DRAWS = ((held_out, "DIFFERING_DRAWS", 100), (held_out, "TRAIT_DRAWS", 100))
+REAL_EFFORT = Effort.of
+REAL = tuple((module, name, getattr(module, name)) for module, name, _ in (*FEW_PARTICLES, *FEW_DRAWS))
+
+
+def few_particles(patch):
+    """Log predictives of people left out by few particles: for tests that do not look at how exact they are."""
+    for few in FEW_PARTICLES:
+        patch.setattr(*few)
+
+
+def little_effort(patch):
+    """Reports as they are, full or quick, but of few draws: for tests of what is said, not of how exact it is."""
+
+    def of(cls, quick):
+        draws = 100 if quick else 150
+        less = {"restarts": 40, "finalists": 8, "chains": 2, "refit_draws": 60, "simulated_studies": 60}
+        return replace(REAL_EFFORT(quick), draws=draws, tune=draws, **less)
+
+    patch.setattr(Effort, "of", classmethod(of))
+    for few in (*FEW_PARTICLES, *FEW_DRAWS):
+        patch.setattr(*few)
+
+
+def real_effort(patch):
+    """Takes `little_effort` back."""
+    patch.setattr(Effort, "of", REAL_EFFORT)
+    for real in REAL:
+        patch.setattr(*real)

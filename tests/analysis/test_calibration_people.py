@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 from scipy.integrate import quad
 
 from analysis import calibration_replicate
@@ -35,7 +35,7 @@ from tests.random_cases import random_tables
 from tests.reference import people as reference
 
 TINY = CalibrationSettings(
-    1, 4, 40, sampler=NutsSettings(draws=400, tune=200, chains=2), people=PersonOffset(), runs_per_person=2
+    1, 4, 30, sampler=NutsSettings(draws=200, tune=150, chains=2), people=PersonOffset(), runs_per_person=2
 )
 
 
@@ -151,11 +151,7 @@ def autoregressive(rho, draws, rng):
     """Two chains of standard normal draws, each correlated `rho` with the one before; ``[chain, draw, 1]``."""
     noise = rng.standard_normal((2, draws)) * np.sqrt(1 - rho**2)
     noise[:, 0] /= np.sqrt(1 - rho**2)
-    out = np.empty((2, draws, 1))
-    out[:, 0, 0] = noise[:, 0]
-    for i in range(1, draws):
-        out[:, i, 0] = rho * out[:, i - 1, 0] + noise[:, i]
-    return out
+    return signal.lfilter([1.0], [1.0, -rho], noise)[..., None]
 
 
 def test_slowly_moving_draws_are_thinned_until_ranks_are_uniform():
@@ -185,7 +181,7 @@ def test_a_tiny_run_works(tiny):
     run = tiny.runs[0]
     assert "sigma" in run.replicates[0].names
     assert run.ranks.shape == (4, len(run.replicates[0].names))
-    assert run.sentence.startswith("1 state: 4 studies of 40 people who differ, 2 runs each")
+    assert run.sentence.startswith("1 state: 4 studies of 30 people who differ, 2 runs each")
     assert "twice the quadrature nodes change no study's log-likelihood by more than" in run.sentence
     kept = tiny.to_dict()["runs"][0]
     assert kept["settings"]["people"] == {"scale": 1.5, "nodes": None}

@@ -2,10 +2,12 @@
 
 import json
 import xml.etree.ElementTree as ET
+from functools import partial
 
 import pandas as pd
 import pytest
 
+from analysis import power_contraction
 from analysis.anova import mixed_anova
 from analysis.cli import main
 from analysis.figures.comparisons import cell_means, compared_groups
@@ -13,6 +15,7 @@ from analysis.figures.power import power_by_people, printed_beside_formulas
 from analysis.figures.style import to_svg
 from analysis.posthoc import PersonValues, tukey
 from analysis.power_printed import printed_sizes
+from models.nuts import NutsSettings
 from tests.analysis.anova_cases import measures, study
 
 
@@ -205,7 +208,9 @@ def test_mixed_model_under_a_design_of_ones_own(tmp_path, capsys):
     assert content["curve"][0]["power"] > 0.3
 
 
-def test_contraction_json(tmp_path, capsys):
+def test_contraction_json(tmp_path, capsys, monkeypatch):
+    few_draws = partial(power_contraction.ContractionPower, sampler=NutsSettings(60, 60, 2))
+    monkeypatch.setattr(power_contraction, "ContractionPower", few_draws)
     content = result_of(
         capsys, "power", "contraction", "--schedules", "HRH", "--schedules", "published", "--people", "20,60",
         "--studies", 2, "--table", "help", "--figure", tmp_path / "c.svg",

@@ -6,6 +6,7 @@ import pytest
 
 from analysis import fits
 from analysis.cli import main
+from models.groups import ManyGroupsWarning
 from models.posterior_files import read_posterior
 from tests.analysis.event_text import text
 
@@ -31,8 +32,8 @@ def test_json_has_the_fields_of_the_contract(tmp_path, capsys):
     captured = capsys.readouterr()
     result = json.loads(captured.out)
     wanted = {
-        "divergences", "max_rhat", "min_ess_bulk", "min_ess_tail", "cpu_seconds", "sampling_seconds", "contraction",
-        "summary", "gate",
+        "divergences", "max_rhat", "min_ess_bulk", "min_ess_tail", "cpu_seconds", "sampling_seconds",
+        "compile_seconds", "contraction", "summary", "gate",
     }  # fmt: skip
     assert wanted <= set(result)
     assert set(result["gate"]) == {"passed", "reasons"}
@@ -42,6 +43,27 @@ def test_json_has_the_fields_of_the_contract(tmp_path, capsys):
     assert set(result["contraction"]) == set(result["summary"])
     fit = read_posterior(out)
     assert fit.gate.max_rhat == pytest.approx(result["max_rhat"])
+    for name in ("cpu_seconds", "sampling_seconds", "compile_seconds"):
+        assert getattr(fit, name) == pytest.approx(result[name])
+        assert result[name] >= 0
+
+
+def test_one_chain_is_told_why_there_is_no_rhat(capsys):
+    arguments = [*FAST[:-1], "1", "--quiet", "--json", "-"]
+    assert run("simulated_study1", *arguments) == 0
+    captured = capsys.readouterr()
+    assert "r-hat needs at least two chains, found one" in captured.err
+    result = json.loads(captured.out)
+    assert result["max_rhat"] is None
+    assert "r-hat needs at least two chains, found one" in result["gate"]["reasons"]
+
+
+def test_a_covariate_with_very_many_values_is_told(tmp_path, capsys):
+    ages = tmp_path / "ages.csv"
+    rows = "".join(f"{p},{20 + p % 40}\n" for p in range(0, 600))
+    ages.write_text(f"participant,age\n{rows}")
+    with pytest.warns(ManyGroupsWarning, match="40 groups, more than 10; covariates are categories"):
+        run("simulated_study1", *FAST, "--group", f"{ages}:age", "--quiet")
 
 
 def test_a_failed_gate_is_a_banner_not_a_whisper(capsys):
@@ -79,10 +101,11 @@ def test_data_and_protocol_are_never_overwritten(tmp_path, capsys):
     assert "wanted another file than --protocol" in capsys.readouterr().err
 
 
-def test_interruption_says_that_chains_are_kept(capsys, monkeypatch):
+@pytest.mark.parametrize("engine", ["direct", "pymc"])
+def test_interruption_says_that_chains_are_kept(engine, capsys, monkeypatch):
     def stop(*args, **kwargs):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(fits, "stored_fit", stop)
-    assert run("simulated_study1", *FAST) == 130
+    assert run("simulated_study1", *FAST, "--engine", engine) == 130
     assert "completed chains are kept, the same command goes on" in capsys.readouterr().err

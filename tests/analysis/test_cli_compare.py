@@ -20,7 +20,7 @@ from analysis.simulate import simulate_study1
 from models.nuts import NutsSettings
 from models.protocol import PUBLISHED
 from models.smc import SmcSettings
-from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
+from tests.analysis.report_cases import CORRIDOR, data_set, few_particles, little_effort, log_of, random_log
 
 TINY = CompareSettings(
     8, 3, NutsSettings(draws=60, tune=60, chains=2), SmcSettings(60, 2, moves=1), SmcSettings(60, moves=1), 2, (2,)
@@ -31,6 +31,7 @@ TINY = CompareSettings(
 def own_store(tmp_path, monkeypatch):
     monkeypatch.setattr(fits, "store_folder", lambda: tmp_path / "fits")
     monkeypatch.setattr(CompareSettings, "of", classmethod(lambda cls, quick, **k: replace(TINY, folds=k["folds"])))
+    few_particles(monkeypatch)
 
 
 def run(*arguments):
@@ -44,9 +45,11 @@ def run(*arguments):
 @pytest.fixture(scope="module")
 def result():
     log = simulate_study1(participants=100, seed=5)
-    return held_out(
-        log, standard_contenders(log, (2,), sampler=TINY.sampler, draws=100), draws=100, kind="simulated"
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        few_particles(patch)
+        return held_out(
+            log, standard_contenders(log, (2,), sampler=TINY.sampler, draws=100), draws=100, kind="simulated"
+        )
 
 
 def test_json_has_the_rows_and_the_sentence(capsys):
@@ -166,7 +169,7 @@ def build(log, out, quick=False):
 
 def test_report_leaves_out_what_it_can(tmp_path, monkeypatch):
     monkeypatch.setattr(section, "MOST_SHOWN", 2)
-    monkeypatch.setattr(section, "DIFFERING_DRAWS", 100)
+    little_effort(monkeypatch)
     made, text = build(random_log(CORRIDOR, people=40), tmp_path)
     assert made.omitted is None
     assert [f.key for f in made.figures] == ["held-out-condition", "held-out-condition-rounds"]
@@ -177,7 +180,8 @@ def test_report_leaves_out_what_it_can(tmp_path, monkeypatch):
     assert "schedules are more than the 2 for which a report refits its models" in text
 
 
-def test_report_says_why_nothing_is_left_out(tmp_path):
+def test_report_says_why_nothing_is_left_out(tmp_path, monkeypatch):
+    little_effort(monkeypatch)
     quick, _ = build(random_log(PUBLISHED, people=20), tmp_path, quick=True)
     assert "prosocial compare --quick --held-out condition" in quick.omitted
     same, _ = build(

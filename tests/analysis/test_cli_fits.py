@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from analysis import fits, fits_inventory
+from analysis import fits
 from analysis.cli import main
 from analysis.datasets import log_digest
 from analysis.fits_inventory import DAY, StoreEntry, entries, to_clear
@@ -32,22 +32,29 @@ def store(tmp_path, monkeypatch):
     return tmp_path / "fits"
 
 
+def interrupt(log, states):
+    """Begin a fit and stop it after one chain."""
+
+    def stop(*args, finished, **options):
+        finished(1, fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)}))
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "fit", stop)
+        with pytest.raises(KeyboardInterrupt):
+            fits.stored_fit(log, log_digest(log), states, sampler=SHORT)
+
+
 @pytest.fixture
 def full(store, log):
-    """One of each: a fit, an outdated one, chains of an interrupted run, something damaged, left over, foreign."""
+    """One of each: a fit, outdated ones, chains of an interrupted run, something damaged, left over, foreign."""
     digest = log_digest(log)
     fit = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=5.0), pins={"help": None}, sampler=SHORT)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fits, "kernel_digest", lambda *modules: "of other code")
         old = fits.stored_fit(log, digest, 1, sampler=SHORT)
-
-        def stop(*args, finished, **options):
-            finished(1, fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)}))
-            raise KeyboardInterrupt
-
-        patch.setattr(fits, "fit", stop)
-        with pytest.raises(KeyboardInterrupt):
-            fits.stored_fit(log, digest, 3, sampler=SHORT)
+        interrupt(log, 4)
+    interrupt(log, 3)
     (store / "damaged.nc").write_bytes(fit.path.read_bytes()[:2000])
     (store / ".dead.nc.x1.nc").write_bytes(b"half")
     os.utime(store / ".dead.nc.x1.nc", (time.time() - DAY,) * 2)
@@ -69,8 +76,10 @@ def run(capsys, *arguments):
 
 def test_what_is_in_the_store(full):
     fit, old = full
-    found = {entry.status: entry for entry in entries()}
-    assert sorted(found) == ["damaged", "interrupted", "left over", "outdated", "ready"]
+    statuses = sorted(entry.status for entry in entries())
+    assert statuses == ["damaged", "interrupted", "left over", "outdated", "outdated", "ready"]
+    found = {entry.status: entry for entry in entries() if entry.path.suffix != ".chains"}
+    found |= {"interrupted": next(entry for entry in entries() if entry.status == "interrupted")}
     ready = found["ready"]
     assert ready.key == fit.key
     assert ready.bytes == fit.path.stat().st_size
@@ -87,8 +96,8 @@ def test_what_is_in_the_store(full):
 
 
 def test_other_versions_make_a_fit_outdated(full, monkeypatch):
-    monkeypatch.setattr(fits_inventory, "versions", lambda: {"numpy": "0"})
-    assert "ready" not in {entry.status for entry in entries()}
+    monkeypatch.setattr(fits, "versions", lambda: {"numpy": "0"})
+    assert {entry.status for entry in entries()} == {"outdated", "damaged", "left over"}
 
 
 def test_list_and_its_json(full, store, capsys):
@@ -102,7 +111,7 @@ def test_list_and_its_json(full, store, capsys):
     assert content["bytes"] == sum(entry["bytes"] for entry in content["fits"])
     assert "simulated_recovery, 2 states  kappa 5  held help  direct, 2 x 40 draws, seed 1  gate " in err
     assert "1 of 2 chains done" in err
-    assert "5 entries" in err
+    assert "6 entries" in err
 
 
 def test_an_empty_store_is_said_to_be_empty(store, capsys):
@@ -123,9 +132,9 @@ def test_clean_removes_what_is_never_found_again(full, store, capsys):
     assert {entry["status"] for entry in json.loads(out)["removed"]} == {"outdated", "damaged", "left over"}
     assert json.loads(out)["kept"] == 2
     left = sorted(path.name for path in store.iterdir())
-    assert left == sorted(
-        [".alive.nc.x2.nc", fit.path.name, "link.nc", "notes.txt", *(p.name for p in store.glob("*.chains"))]
-    )
+    (waiting,) = store.glob("*.chains")
+    assert json.loads((waiting / fits.ABOUT).read_text())["states"] == 3
+    assert left == sorted([".alive.nc.x2.nc", fit.path.name, "link.nc", "notes.txt", waiting.name])
 
 
 def test_clean_all_leaves_only_what_is_not_the_stores(full, store, capsys):
@@ -140,7 +149,7 @@ def test_clean_by_age(full, store, capsys):
     status, out, _ = run(capsys, "clean", "--older-than", "30", "--json", "-")
     assert status == 0
     assert [entry["key"] for entry in json.loads(out)["removed"]] == [fit.key]
-    assert len(list(store.glob("*.chains"))) == 1
+    assert len(list(store.glob("*.chains"))) == 2
 
 
 def test_age_and_everything_exclude_each_other(store, capsys):
@@ -160,12 +169,46 @@ def test_what_is_cleared(tmp_path):
     assert [e.key for e in to_clear(some, everything=True)] == ["a", "b", "c"]
 
 
-def test_an_interrupted_run_that_goes_on_leaves_nothing(full, log, store):
+def test_an_interrupted_run_that_goes_on_leaves_nothing(store, log, monkeypatch):
+    original = fits.fit
+    interrupt(log, 3)
+    assert [entry.status for entry in entries()] == ["interrupted"]
+    # The chain above is no chain of this model: it stands for one.
+    monkeypatch.setattr(fits, "fit", lambda *args, done, **rest: original(*args, **rest))
     fits.stored_fit(log, log_digest(log), 3, sampler=SHORT)
-    # The chains above belong to other code, so to another key.
-    assert [entry.about["states"] for entry in entries() if entry.status == "interrupted"] == [3]
+    assert [entry.status for entry in entries()] == ["ready"]
+    assert not list(store.glob("*.chains"))
+
+
+def test_chains_that_no_run_goes_on_with_are_cleared_away(store, log, capsys):
+    """Of other code or versions, saying nothing usable, saying nothing at all, of a fit that is complete."""
+    for states in (1, 2, 3, 4):
+        interrupt(log, states)
+    folders = {json.loads((f / fits.ABOUT).read_text())["states"]: f for f in store.glob("*.chains")}
+    about = json.loads((folders[1] / fits.ABOUT).read_text())
+    about["made_by"]["versions"]["nutpie"] = "0.1"
+    (folders[1] / fits.ABOUT).write_text(json.dumps(about))
+    (folders[2] / fits.ABOUT).write_text("{")
+    (folders[3] / fits.ABOUT).unlink()
+    (folders[4].with_suffix(".nc")).write_bytes(b"somebody completed it")
+    (store / "empty.chains").mkdir()
+    found = {entry.path.stem: entry.status for entry in entries() if entry.path.suffix == ".chains"}
+    # A folder that says nothing may be one that is just beginning.
+    assert found == {folders[1].stem: "outdated", folders[2].stem: "damaged", folders[4].stem: "left over"}
+    for folder in (folders[3], store / "empty.chains"):
+        for path in (*folder.iterdir(), folder):
+            os.utime(path, (time.time() - DAY,) * 2)
+    assert run(capsys, "clean", "--quiet")[0] == 0
+    assert list(store.iterdir()) == []
+
+
+def test_chains_kept_before_their_maker_was_recorded_are_outdated(store, log):
+    interrupt(log, 3)
     (folder,) = store.glob("*.chains")
-    assert sorted(path.name for path in folder.iterdir()) == ["1.npz", "about.json"]
+    about = json.loads((folder / fits.ABOUT).read_text())
+    del about["made_by"]
+    (folder / fits.ABOUT).write_text(json.dumps(about))
+    assert [entry.status for entry in entries()] == ["outdated"]
 
 
 def changed_attribute(path, name, content):
@@ -201,13 +244,14 @@ def test_fits_of_unexpected_content_do_not_hide_the_others(full, store, capsys):
             assert found[f"{name}{i}{j}"] in wanted, (name, content)
 
 
-def test_an_interrupted_run_that_says_nothing_usable_is_listed(full, store, capsys):
+def test_an_interrupted_run_that_says_nothing_usable_is_listed(store, log, capsys):
+    interrupt(log, 3)
     (folder,) = store.glob("*.chains")
     for content in ("[]", "{", '{"states": 2, "engine": "direct"}', '{"states": "two"}'):
         (folder / fits.ABOUT).write_text(content)
         assert run(capsys, "list")[0] == 0
-        waiting = next(entry for entry in entries() if entry.status == "interrupted")
-        assert waiting.about == {"chains_done": 1}
+        (entry,) = entries()
+        assert (entry.status, entry.about) == ("damaged", {"chains_done": 1})
 
 
 def test_what_a_killed_write_leaves_is_left_over(store):

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,17 @@ import pytest
 
 from analysis import fits
 from analysis.datasets import log_digest
+from analysis.fits_inventory import entries, to_clear
+from models import chains, nuts
+from models.bayesian_fit import EDITED
 from models.errors import InputError
+from models.groups import Groups, SmallGroupWarning
 from models.nuts import NutsSettings
-from models.parameters import DirichletPrior
+from models.parameters import STICKY, DirichletPrior
 from models.posterior import TABLES
+from models.posterior_files import read_posterior
 from models.simulation import simulate_responses
+from models.study_density import ModelSpec, StudyDensity
 from tests.models.test_recovery import truth, varied_design
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,41 +77,137 @@ def test_priors_of_different_classes_are_not_confused(log):
     assert not own.reused
 
 
-def test_an_interrupted_run_keeps_complete_chains_and_goes_on(log, own_store, monkeypatch):
+@pytest.mark.parametrize("engine", ["direct", pytest.param("pymc", marks=pytest.mark.slow)])
+def test_an_interrupted_run_keeps_complete_chains_and_goes_on(engine, log, own_store, monkeypatch):
     digest = log_digest(log)
-    whole = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    whole = fits.stored_fit(log, digest, 2, engine=engine, sampler=SHORT)
     whole.path.unlink()
     calls = []
-    from models import nuts
+    original = chains.sample_chain
 
-    original = nuts.sample_chain
-
-    def interrupted(density, chain, *rest):
+    def interrupted(target, chain, *rest):
         calls.append(chain)
         if chain == 1:
             raise KeyboardInterrupt
-        return original(density, chain, *rest)
+        return original(target, chain, *rest)
 
-    monkeypatch.setattr(nuts, "sample_chain", interrupted)
-    monkeypatch.setattr(nuts.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(chains, "sample_chain", interrupted)
+    monkeypatch.setattr(chains.os, "cpu_count", lambda: 1)
     with pytest.raises(KeyboardInterrupt):
-        fits.stored_fit(log, digest, 2, sampler=SHORT)
+        fits.stored_fit(log, digest, 2, engine=engine, sampler=SHORT)
     kept = sorted(p.name for p in own_store.rglob("*.npz"))
     assert kept == ["0.npz"]
     assert not list(own_store.glob("*.nc"))
 
     calls.clear()
 
-    def counted(density, chain, *rest):
+    def counted(target, chain, *rest):
         calls.append(chain)
-        return original(density, chain, *rest)
+        return original(target, chain, *rest)
 
-    monkeypatch.setattr(nuts, "sample_chain", counted)
-    resumed = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    monkeypatch.setattr(chains, "sample_chain", counted)
+    resumed = fits.stored_fit(log, digest, 2, engine=engine, sampler=SHORT)
     assert sorted(calls) == [1, 2]
     for name in TABLES:
         assert np.array_equal(resumed.posterior.table(name), whole.posterior.table(name))
     assert not list(own_store.rglob("*.npz"))
+
+
+def test_a_resumed_run_counts_the_cpu_time_of_chains_that_were_kept(log, own_store):
+    digest = log_digest(log)
+    plain = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    plain.path.unlink()
+    _, keep, _ = fits._chains(own_store / f"{plain.key}.chains", {})
+    for number in range(2):
+        made = nuts.sample_chain(StudyDensity(log, ModelSpec(2, STICKY)).density, number, SHORT)
+        keep(number, replace(made, cpu_seconds=1000.0))
+    resumed = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    assert 2000 < resumed.posterior.cpu_seconds < 2060
+    assert np.array_equal(resumed.posterior.flat(), plain.posterior.flat())
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+from pathlib import Path
+from analysis import fits
+from models import chains
+folder = Path(sys.argv[1])
+fits.store_folder = lambda: folder
+original = chains.sample_chain
+
+def told(target, chain, *rest):
+    sys.stdout.write(f"{chain}\\n")
+    return original(target, chain, *rest)
+
+def watch():
+    while not list(folder.rglob("*.npz")):
+        time.sleep(0.02)
+    os.kill(os.getpid(), signal.SIGINT)
+
+chains.sample_chain = told
+if not list(folder.rglob("*.npz")):
+    threading.Thread(target=watch, daemon=True).start()
+from analysis.cli import main
+main(["bayes", "simulated_study1", "--states", "2", "--engine", sys.argv[2], *sys.argv[3:]])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["direct", "pymc"])
+def test_ctrl_c_keeps_complete_chains_of_either_engine(engine, tmp_path):
+    """A real signal to a real process, after its first chain; the same command then makes only the others."""
+    size = ["--draws", "1500", "--tune", "300", "--chains", "6"]
+    command = [sys.executable, "-c", INTERRUPTED, str(tmp_path), engine, *size, "--quiet"]
+    stopped = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert stopped.returncode == 130, stopped.stderr
+    assert "interrupted; completed chains are kept, the same command goes on" in stopped.stderr
+    assert "Traceback" not in stopped.stderr
+    (folder,) = tmp_path.glob("*.chains")
+    kept = {int(path.stem) for path in folder.glob("*.npz")}
+    assert 1 <= len(kept) < 6
+    assert not list(tmp_path.glob("*.nc"))
+    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert again.returncode == 0, again.stderr
+    assert sorted(again.stdout.split()) == sorted(str(c) for c in range(6) if c not in kept)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".nc"]
+
+
+def test_a_kappa_and_pins_spelled_differently_are_the_same_fit(log):
+    digest = log_digest(log)
+    first = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=2), pins={"help": None}, sampler=SHORT)
+    spellings = [
+        {"help": np.eye(2)}, {"help": [[1, 0], [0, 1]]}, {"help": np.eye(2, dtype=np.int64)},
+        {"help": ((1.0, 0.0), (0.0, 1.0))},
+    ]  # fmt: skip
+    for pins in spellings:
+        again = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=2.0), pins=pins, sampler=SHORT)
+        assert (again.key, again.reused) == (first.key, True)
+    both = [{"help": None, "signal": None}, {"signal": np.eye(2), "help": np.eye(2)}]
+    keys = {fits.stored_fit(log, digest, 2, pins=pins, sampler=SHORT).key for pins in both}
+    assert len(keys) == 1
+    assert keys != {first.key}
+
+
+def test_thin_groups_are_told_also_of_a_stored_fit(log):
+    group = np.arange(log.n_runs) % 2
+    group[log.participant <= 3] = 2
+    groups = Groups("age", ("old", "young", "rare"), group)
+    for reused in (False, True):
+        with pytest.warns(SmallGroupWarning, match=r"groups by age: fewer than 10 people in rare \(4\)"):
+            assert fits.stored_fit(log, log_digest(log), 2, groups=groups, sampler=SHORT).reused is reused
+
+
+def test_a_fit_of_an_edited_model_is_kept_and_not_mistaken(log, own_store):
+    plain = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    with pytest.raises(InputError, match="found a model that was not edited, wanted one of fit_model"):
+        fits.keep_edited(plain.posterior, log, log_digest(log))
+    settings = {**plain.posterior.settings, "prior": {"class": EDITED, "model": "initial ~ Dirichlet"}}
+    kept = fits.keep_edited(replace(plain.posterior, settings=settings), log, log_digest(log))
+    assert kept.key != plain.key
+    found = {entry.key: entry for entry in entries()}
+    assert (found[kept.key].status, found[plain.key].status) == ("kept", "ready")
+    assert kept.key not in [entry.key for entry in to_clear(found.values())]
+    assert np.array_equal(read_posterior(kept.path).flat(), plain.posterior.flat())
 
 
 def test_a_damaged_chain_is_sampled_again(log, own_store):

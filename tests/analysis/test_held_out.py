@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -40,14 +40,25 @@ from models.parameters import STICKY, Layout
 from models.protocol import PUBLISHED
 from models.rivals import constant, first_order_markov
 from tests.analysis.held_out_cases import SHORT, study
-from tests.analysis.report_cases import CORRIDOR, log_of, random_log
+from tests.analysis.report_cases import CORRIDOR, few_particles, log_of, random_log
 from tests.models.test_simulation import design_of
 from tests.random_cases import cases
 
 
 @cache
 def result(by):
-    return held_out(study(), standard_contenders(study(), (2,), sampler=SHORT, draws=200), by, draws=200)
+    """By schedule, which takes six refits of every model, log predictives are rough: nothing looks at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        sampler = SHORT
+        if by == "schedule":
+            few_particles(patch)
+            sampler = replace(SHORT, draws=100, tune=100)
+        return held_out(study(), standard_contenders(study(), (2,), sampler=sampler, draws=200), by, draws=200)
+
+
+@pytest.fixture
+def rough(monkeypatch):
+    few_particles(monkeypatch)
 
 
 # -- cells -------------------------------------------------------------------------------------------------
@@ -189,6 +200,7 @@ def test_log_scores_are_those_of_the_rivals():
     assert table["contender"].iloc[0] == "2 states"
 
 
+@pytest.mark.usefixtures("rough")
 def test_the_same_seed_gives_the_same_numbers_and_other_contenders_change_none():
     log = study().select(conditions=["help+signal", "no-help+no-signal"])
     some = standard_contenders(log, (2,), types=(), sampler=NutsSettings(50, 60, 2), draws=50)
@@ -261,6 +273,7 @@ def test_words_follow_the_numbers():
     assert "log score" not in single
 
 
+@pytest.mark.usefixtures("rough")
 def test_other_protocols_speak_of_scores():
     log = random_log(CORRIDOR, people=40)
     made = held_out(log, standard_contenders(log, (2,), pins={"hold": None}, sampler=SHORT, draws=60), draws=60)

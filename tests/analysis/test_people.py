@@ -29,7 +29,7 @@ TINY = CompareSettings(
     8,
     3,
     NutsSettings(draws=100, tune=100, chains=2),
-    SmcSettings(100, 2, moves=2),
+    SmcSettings(40, 1, moves=1),
     SmcSettings(100, moves=2),
     3,
     (2,),
@@ -74,10 +74,11 @@ def test_people_who_do_not_differ_are_not_told_apart():
 
 def test_a_prior_in_the_way_and_a_coarse_quadrature_are_said():
     log = study(3.0)
-    tight = fit(log, 1, people=PersonOffset(0.3, 9), sampler=SHORT)
+    few = NutsSettings(draws=100, tune=150, chains=2)
+    tight = fit(log, 1, people=PersonOffset(0.3, 9), sampler=few)
     told = " ".join(spread_warnings(tight))
     assert "PRIOR IN THE WAY" in told
-    wide = fit(study(4.0, rounds=30), 1, people=PersonOffset(5.0, 9), sampler=SHORT)
+    wide = fit(study(4.0, rounds=30), 1, people=PersonOffset(5.0, 9), sampler=few)
     assert "NOT FINE ENOUGH" in " ".join(spread_warnings(wide))
     assert "NOT FINE ENOUGH" in spread_sentence(wide)
 

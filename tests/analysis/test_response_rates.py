@@ -48,32 +48,44 @@ def test_everybody_the_same_counts_people_not_responses():
     assert (row.rate, row.low, row.high) == pytest.approx((1.0, exact.low, 1.0))
 
 
+def coverage(chances, rate):
+    """How often the interval holds a rate, over studies of five responses a person; ``chances`` of each study.
+
+    All studies make one log, in which each is a group: groups know nothing of each other.
+    """
+    runs = []
+    for study, (chance, rng) in enumerate(chances):
+        for p in chance:
+            events = [("signal", "help" if rng.random() < p else "no_help") for _ in range(5)]
+            runs.append((len(runs), 0, str(study), events))
+    log = log_of(runs)
+    rows = response_rates(log, {"study": log.condition[log.run_of_event]})
+    assert len(rows) == study + 1
+    return ((rows["low"] <= rate) & (rate <= rows["high"])).mean()
+
+
 def test_interval_of_correlated_responses_covers_as_often_as_it_says():
-    covered = 0
-    for seed in range(150):
-        rng = np.random.default_rng(seed)
-        chance = rng.beta(0.4, 0.4, size=80)
-        runs = [
-            (i, 0, "c", [("signal", "help" if rng.random() < p else "no_help") for _ in range(5)])
-            for i, p in enumerate(chance)
-        ]
-        row = response_rates(log_of(runs), {}).iloc[0]
-        covered += row.low <= 0.5 <= row.high
-    assert 0.90 <= covered / 150 <= 0.99
+    def chances():
+        for seed in range(150):
+            rng = np.random.default_rng(seed)
+            yield rng.beta(0.4, 0.4, size=80), rng
+
+    assert 0.90 <= coverage(chances(), 0.5) <= 0.99
 
 
 def test_interval_of_ten_people_covers_often_enough():
     """Ten people, five responses each, correlation .5 within a person, a rate of .8."""
-    covered, rng = 0, np.random.default_rng(1)
-    for _ in range(400):
-        chance = rng.beta(0.8, 0.2, size=10)  # correlation 1 / (0.8 + 0.2 + 1)
-        runs = [
-            (i, 0, "c", [("signal", "help" if rng.random() < p else "no_help") for _ in range(5)])
-            for i, p in enumerate(chance)
-        ]
-        row = response_rates(log_of(runs), {}).iloc[0]
-        covered += row.low <= 0.8 <= row.high
-    assert covered / 400 >= 0.92
+    rng = np.random.default_rng(1)
+    chances = ((rng.beta(0.8, 0.2, size=10), rng) for _ in range(400))  # correlation 1 / (0.8 + 0.2 + 1)
+    assert coverage(chances, 0.8) >= 0.92
+
+
+def test_a_group_has_the_row_it_would_have_alone():
+    log = random_log(PUBLISHED)
+    rows = response_rates(log, {"condition": log.condition[log.run_of_event]})
+    for number, row in rows.set_index("condition").iterrows():
+        alone = response_rates(log.select(conditions=[log.conditions[number]]), {}).iloc[0]
+        assert row.tolist() == pytest.approx(alone.tolist(), rel=1e-12)
 
 
 def test_groups_are_those_with_responses():

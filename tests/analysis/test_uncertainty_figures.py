@@ -21,7 +21,7 @@ from analysis.report.registry import SECTIONS
 from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
 from models.protocol import PUBLISHED
 from tests.analysis.posterior_cases import sampled, study
-from tests.analysis.report_cases import CORRIDOR, data_set, random_log
+from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, random_log
 
 
 def by_state(ax=None):
@@ -101,6 +101,7 @@ def own_store(tmp_path_factory):
     folder = tmp_path_factory.mktemp("store")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fits, "store_folder", lambda: folder)
+        little_effort(patch)
         yield folder
 
 

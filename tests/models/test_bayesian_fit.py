@@ -1,6 +1,6 @@
 """Fits: canonical order, gate, pins, groups; both engines sample the same posterior."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,15 +9,19 @@ from scipy import stats
 from analysis import datasets
 from analysis.frd2012 import FILE_NAME, read_frd2012
 from analysis.simulate import simulate_study1
-from models.bayesian_fit import PRIOR_DRAWS, fit
+from models.bayesian_fit import PRIOR_DRAWS, examined, fit
+from models.chains import STATS
+from models.draw_kernels import constrained
 from models.errors import InputError
 from models.events import EventLog
+from models.groups import Groups
 from models.labels import expected_score
 from models.lspomdp import LatentStatePOMDP
 from models.nuts import NutsSettings
 from models.parameters import DirichletPrior
 from models.protocol import PUBLISHED
 from models.simulation import simulate_responses
+from models.study_density import ModelSpec, StudyDensity
 from tests.models.test_protocol import THREE
 from tests.models.test_simulation import design_of
 from tests.random_cases import random_run, random_tables
@@ -146,6 +150,45 @@ def test_contraction_and_summary(small):
     assert "median contraction" in small.sentence
 
 
+# -- gate, times ------------------------------------------------------------------------------------------
+def test_the_gate_names_entries_as_the_summary_does(log, small):
+    assert small.gate.worst in [*small.entry_names, "log-likelihood", *conditions(log)]
+    groups = Groups.by_condition(log, ("emission",))
+    study = StudyDensity(log, ModelSpec(2, groups=groups))
+    rng = np.random.default_rng(1)
+    theta = constrained(study.density, rng.normal(size=(2, 50, study.density.dimension)))
+    apart = theta[:, :, study.layout.index].copy()
+    assert apart.shape[-1] > theta.shape[-1]  # shared tables count once
+    stuck = theta.copy()
+    names = study.layout.row_kinds
+    row = study.layout.rows[names.index("emission")]
+    stuck[0, :, row] = 0.5  # the first group's first emission row, in one chain
+    own = examined(study, stuck, theta[0], {}, {"sampler": vars(SMALL)})
+    assert own.gate.worst in own.entry_names
+    assert own.gate.worst.startswith("help_probability[no_signal,s")
+    assert own.gate.worst.endswith(f" | {groups.labels[0]}]")
+
+
+def conditions(log):
+    return [f"log-likelihood of condition {name}" for name in log.conditions]
+
+
+def test_draws_that_are_not_finite_are_refused(log):
+    study = StudyDensity(log, ModelSpec(2))
+    theta = np.full((1, 5, study.layout.size), np.nan)
+    with pytest.raises(InputError, match="numbers that are not finite, wanted finite draws"):
+        examined(study, theta, theta[0], {}, {"sampler": vars(SMALL)})
+
+
+def test_times_are_told_apart(log, small):
+    """Compilation is neither in the wall time of sampling nor in CPU time; kept chains count."""
+    assert min(small.cpu_seconds, small.sampling_seconds, small.compile_seconds) >= 0
+    kept = {}
+    fit(log, 2, sampler=SMALL, finished=kept.__setitem__)
+    done = {0: replace(kept[0], cpu_seconds=50.0), 7: replace(kept[1], cpu_seconds=1000.0)}
+    assert 50 < fit(log, 2, sampler=SMALL, done=done).cpu_seconds < 100
+
+
 # -- reproducibility -------------------------------------------------------------------------------------
 def test_same_seed_same_bits(log, small):
     again = fit(log, 2, sampler=SMALL)
@@ -271,6 +314,8 @@ def test_both_engines_sample_the_same_posterior(case, log, three):
     pins = {"help": None, "signal": SYMMETRIC} if case == "held" else None
     direct, pymc = (fit(data, 2, sampler=settings, pins=pins, engine=e) for e in ("direct", "pymc"))
     assert pymc.settings["engine"] == "pymc"
+    assert set(pymc.data["sample_stats"].data_vars) == set(direct.data["sample_stats"].data_vars) == set(STATS)
+    assert pymc.compile_seconds > 1
     assert np.all(np.diff(scores_of(pymc), axis=-1) >= 0)
     one, two = direct.flat(), pymc.flat()
     z = np.concatenate([

@@ -25,12 +25,15 @@ def test_independent_draws_pass():
 @pytest.mark.parametrize(
     ("gate", "reason"),
     [
-        (Gate(1, 1.0, 900, 900, "a"), "1 divergent transitions, none allowed"),
+        (Gate(1, 1.0, 900, 900, "a"), "1 divergent transition, none allowed"),
         (Gate(0, 1.01, 900, 900, "a"), "largest r-hat 1.0100 (a), below 1.01 wanted"),
         (Gate(0, 1.0, 400.0, 900, "a"), "smallest bulk effective sample size 400, above 400 wanted"),
         (Gate(0, 1.0, 900, 399.0, "a"), "smallest tail effective sample size 399, above 400 wanted"),
-        (Gate(0, float("nan"), 900, 900, "a"), "largest r-hat nan (a), below 1.01 wanted"),
-        (Gate(0, 1.0, float("nan"), 900, "a"), "smallest bulk effective sample size nan, above 400 wanted"),
+        (Gate(0, float("nan"), 900, 900, "a"), "largest r-hat not a number (a), below 1.01 wanted"),
+        (
+            Gate(0, 1.0, float("nan"), 900, "a"),
+            "smallest bulk effective sample size not a number, above 400 wanted",
+        ),
     ],
 )
 def test_every_reason_shuts_it(gate, reason):
@@ -80,3 +83,38 @@ def test_a_chain_stuck_at_one_value_shuts_it():
     draws = independent()
     draws[0, :, 0] = 3.0
     assert not convergence_gate(draws, ["a", "b"], 0).passed
+
+
+def test_one_chain_is_told_that_it_has_no_rhat():
+    gate = convergence_gate(independent(chains=1), ["a", "b"], 0)
+    assert np.isnan(gate.max_rhat)
+    assert gate.min_ess_bulk > 700
+    assert gate.reasons == ["r-hat needs at least two chains, found one"]
+    assert gate.sentence.startswith(
+        "Convergence gate FAILED (r-hat needs at least two chains, found one): 0 divergences, no r-hat, smallest"
+    )
+    assert "nan" not in gate.sentence
+    few = convergence_gate(independent(n=20, chains=1), ["a", "b"], 0)
+    assert len(few.reasons) == 3
+
+
+def test_the_worst_of_one_chain_is_its_slowest_quantity():
+    draws = independent(chains=1)
+    draws[..., 1] = np.cumsum(draws[..., 1], axis=1)
+    assert convergence_gate(draws, ["a", "b"], 0).worst == "b"
+
+
+def test_too_few_draws_are_told(recwarn):
+    gate = convergence_gate(independent(n=3), ["a", "b"], 1)
+    assert gate.reasons == [
+        "1 divergent transition, none allowed",
+        "r-hat and effective sample sizes need at least 4 draws a chain, found 3",
+    ]
+    assert "1 divergence, no r-hat, no effective sample sizes" in gate.sentence
+    assert not recwarn.list
+
+
+def test_nothing_that_varies_is_no_pass():
+    gate = convergence_gate(np.ones((2, 100, 3)), ["a", "b", "c"], 0)
+    assert not gate.passed
+    assert gate.worst == "nothing varies"

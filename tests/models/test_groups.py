@@ -1,5 +1,7 @@
 """Groups: tables tied or not, the same likelihood as group by group, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,15 @@ from hypothesis import strategies as st
 from analysis.simulate import simulate_study1
 from models.bayesian_fit import fit
 from models.errors import InputError
-from models.groups import TABLES, GroupedLayout, Groups
+from models.groups import (
+    TABLES,
+    EmptyGroupWarning,
+    GroupedLayout,
+    Groups,
+    ManyGroupsWarning,
+    SmallGroupWarning,
+)
+from models.histories import UNSEEN
 from models.hmm_density import HmmDensity
 from models.nuts import NutsSettings
 from models.parameters import DirichletPrior, Layout
@@ -142,3 +152,35 @@ def test_people_without_a_value_and_other_logs_are_refused():
     groups = Groups.by_condition(log)
     with pytest.raises(InputError, match="runs: found 40, wanted 44, as in the log"):
         groups.tree(simulate_study1(participants=44))
+
+
+def grouped(sizes, log):
+    """Groups of the given numbers of people, the rest in group 0."""
+    group = np.zeros(log.n_runs, dtype=np.int64)
+    at = 0
+    for g, size in enumerate(sizes, start=1):
+        group[at : at + size] = g
+        at += size
+    return Groups("age", tuple(f"g{i}" for i in range(len(sizes) + 1)), group)
+
+
+def test_thin_groups_are_warned_of_by_name(recwarn):
+    log = simulate_study1(participants=200)
+    grouped([10, 30], log).warn_of_thin_ones(log)
+    assert not recwarn.list
+    with pytest.warns(SmallGroupWarning, match=r"groups by age: fewer than 10 people in g1 \(9\), g3 \(2\); what"):
+        grouped([9, 40, 2], log).warn_of_thin_ones(log)
+    with pytest.warns(ManyGroupsWarning, match="groups by age: 12 groups, more than 10; covariates are categories"):
+        grouped([10] * 11, log).warn_of_thin_ones(log)
+    response = log.response.copy()
+    silent = grouped([20], log)
+    response[silent.run_group[log.run_of_event] == 1] = UNSEEN
+    with pytest.warns(EmptyGroupWarning, match="groups by age: nobody in g1 has a recorded response"):
+        silent.warn_of_thin_ones(replace(log, response=response))
+
+
+def test_a_fit_of_thin_groups_warns():
+    log = simulate_study1(participants=40)
+    short = NutsSettings(draws=10, tune=50, chains=2)
+    with pytest.warns(SmallGroupWarning):
+        fit(log, 1, groups=grouped([5], log), sampler=short)

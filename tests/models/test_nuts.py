@@ -1,11 +1,13 @@
 """Chains: the callbacks are the density, streams depend on seed and number only, interrupted runs go on."""
 
 import ctypes
+import time
 
 import numpy as np
 import pytest
 
 from analysis.simulate import simulate_study1
+from models import chains as runs
 from models import nuts
 from models.errors import InputError
 from models.hmm_density import HmmDensity
@@ -73,7 +75,7 @@ def test_a_chain_depends_on_seed_and_number_only(chains):
 
 def test_an_interrupted_run_goes_on(chains):
     """Chain 1 was done, chains 0 and 2 are made, each handed over once; nothing that was done is made again."""
-    marked = Chain(chains[1].x + 1, chains[1].stats)
+    marked = Chain(chains[1].x + 1, chains[1].stats, 123.0)
     handed: dict[int, Chain] = {}
     result = sample(density_of(), SHORT, done={1: marked}, finished=handed.__setitem__)
     assert sorted(handed) == [0, 2]
@@ -83,18 +85,36 @@ def test_an_interrupted_run_goes_on(chains):
 
 
 def test_completed_chains_are_handed_over_before_an_interruption(monkeypatch, chains):
-    def interrupted(density, chain, settings, *rest):
+    def interrupted(target, chain, settings, *rest):
         if chain == 1:
             raise KeyboardInterrupt
         return chains[chain]
 
-    monkeypatch.setattr(nuts, "sample_chain", interrupted)
-    monkeypatch.setattr(nuts.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(runs, "sample_chain", interrupted)
+    monkeypatch.setattr(runs.os, "cpu_count", lambda: 1)
     handed: dict[int, Chain] = {}
     with pytest.raises(KeyboardInterrupt):
         sample(density_of(), SHORT, finished=handed.__setitem__)
     assert set(handed) <= {0, 2}
     assert 0 in handed
+
+
+def test_chains_beyond_what_is_asked_for_are_left_out(chains):
+    two = NutsSettings(draws=40, tune=60, chains=2, seed=5)
+    assert list(sample(density_of(), two, done=chains)) == [0, 1]
+
+
+def test_chains_know_their_cpu_time():
+    """Together they took what the process took, whether one at a time or two."""
+    density = density_of()
+    sample(density, SHORT)
+    settings = NutsSettings(draws=800, tune=400, chains=3)
+    before = time.process_time()
+    made = sample(density, settings)
+    spent = time.process_time() - before
+    each = [chain.cpu_seconds for chain in made.values()]
+    assert min(each) > 0
+    assert 0.7 * spent < sum(each) <= spent
 
 
 def test_progress_ends_at_the_total():

@@ -82,8 +82,21 @@ def test_a_missing_file_and_another_kind_of_netcdf_are_named(tmp_path):
         read_posterior(tmp_path / "nowhere.nc")
     other = tmp_path / "other.nc"
     xr.Dataset({"x": ("i", [1.0])}).to_netcdf(other, engine="h5netcdf")
-    with pytest.raises(InputError, match=r"other\.nc, schema: found 'None', wanted 'prosocial-posterior/2'"):
+    with pytest.raises(InputError, match=r"other\.nc, schema: found 'None', wanted 'prosocial-posterior/3'"):
         read_posterior(other)
+
+
+def test_a_file_of_an_older_form_is_refused_and_told_what_to_do(stored):
+    with h5py.File(stored, "r+") as file:
+        file.attrs["schema"] = "prosocial-posterior/2"
+    with pytest.raises(InputError, match=r"schema: found 'prosocial-posterior/2', wanted .*made anew"):
+        read_posterior(stored)
+
+
+def test_times_come_back(small, stored):
+    back = read_posterior(stored)
+    for name in ("cpu_seconds", "sampling_seconds", "compile_seconds"):
+        assert getattr(back, name) == getattr(small, name) >= 0
 
 
 def test_other_versions_warn_and_are_read(stored, monkeypatch):
@@ -223,7 +236,7 @@ def test_a_forged_attribute_is_found(stored, name, key, value):
         read_posterior(stored)
 
 
-@pytest.mark.parametrize("name", ["cpu_seconds", "sampling_seconds"])
+@pytest.mark.parametrize("name", ["cpu_seconds", "sampling_seconds", "compile_seconds"])
 def test_a_forged_time_is_found(stored, name):
     with h5py.File(stored, "r+") as file:
         file.attrs[name] = file.attrs[name] / 2

@@ -43,8 +43,9 @@ def exact(runs, protocol, states, prior, pins):
     held = checked_pins(layout, pins)
     tables = {protocol.action(a): t for a, t in held.items()}
 
-    def log_dirichlet(alpha, n):
-        return gammaln(alpha.sum()) - gammaln(alpha).sum() + gammaln(alpha + n).sum() - gammaln((alpha + n).sum())
+    def log_dirichlet(alpha, n):  # n is [counts, entry of the row]
+        after = gammaln(alpha + n).sum(axis=-1) - gammaln((alpha + n).sum(axis=-1))
+        return gammaln(alpha.sum()) - gammaln(alpha).sum() + after
 
     # Paths matter through their counts only, so runs are added one at a time to the distribution of counts.
     total = Counter({((0,) * layout.size): 1.0})
@@ -71,12 +72,8 @@ def exact(runs, protocol, states, prior, pins):
                 together[tuple(np.add(before, own))] += w * v
         total = together
     alpha = layout.pack(a_initial, a_transition, a_emission)
-    return logsumexp(
-        [
-            math.log(w) + sum(log_dirichlet(alpha[row], np.array(n)[row]) for row in layout.rows)
-            for n, w in total.items()
-        ]
-    )
+    n, weights = np.array(list(total)), np.array(list(total.values()))
+    return logsumexp(np.log(weights) + sum(log_dirichlet(alpha[row], n[:, row]) for row in layout.rows))
 
 
 def few_runs(protocol, n, length, seed):

@@ -46,6 +46,7 @@ from models.glmm_marginal import mean_probability
 from models.glmm_notes import notes_of
 from models.glmm_optimise import maximise
 from models.glmm_pickle import restore, state_of
+from models.glmm_plain import PlainDesign
 from models.glmm_results import LogisticMixedResults, LogisticMixedResultsWrapper
 
 DEFAULT_NODES = 25
@@ -230,10 +231,9 @@ class LogisticMixedModel(base.LikelihoodModel):
         extras = {"groups": groups, "trials": trials, "freq_weights": freq_weights, "offset": offset}
         arrays = {key: named_column(data, value, key) for key, value in extras.items()}
         name = groups if isinstance(groups, str) else getattr(groups, "name", None) or "group"
-        for key, value in arrays.items():
-            if value is not None and len(value) != len(data):  # type: ignore[arg-type]
-                raise located(key, Phrase(f"{len(value)} values"), f"one for each of the {len(data)} rows")  # type: ignore[arg-type]
         data, arrays, n_given = select_rows(numeric_outcome(formula, data), arrays, subset, missing == "drop")
+        if drop_cols is None and (plain := PlainDesign.read(formula, data)) is not None:
+            return plain.model(cls, formula, data, n_given, {**arrays, **kwargs, "group_name": name}, quadrature)
         advance_eval_env(kwargs)
         manager = FormulaManager()
         try:

@@ -181,7 +181,7 @@ class Likelihood:
     ----------
     values, modes, scales : array [patterns]
         Of the last call: log-likelihood of each pattern (without `Patterns.constant`), mode and scale of its
-        intercept, for the standard normal u. The next call starts its searches at these modes.
+        intercept, for the standard normal u. The next call starts its searches where these modes point to.
     scores : array [patterns, p + 1]
         Of the last call: derivatives of `values` by (beta, s).
     calls : int
@@ -194,6 +194,10 @@ class Likelihood:
         # Fresh memory at every call costs as much as a fifth of the work.
         self.modes, self.scales, self.values = np.zeros(n), np.ones(n), np.empty(n)
         self.scores = np.empty((n, patterns.n_fixed + 1))
+        # Where the last call was, and how its modes move with the predictors and the sd.
+        n_rows = len(patterns.offset)
+        self._covariates = np.ascontiguousarray(patterns.design.T)
+        self._before, self._eta, self._drift, self._drift_in_s = (np.zeros(k) for k in (1, n_rows, n_rows, n))
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Log-likelihood, constant included, and gradient at ``theta = (beta, s)``; s may have either sign."""
@@ -201,9 +205,9 @@ class Likelihood:
         self.calls += 1
         gradient = np.empty(self.patterns.n_fixed + 1)
         value = marginal_likelihood(
-            np.ascontiguousarray(theta, float), data.design, data.offset, data.successes, data.trials, data.start,
-            data.multiplicity, self.rule.nodes, self.rule.log_weights,
-            self.modes, self.scales, self.values, self.scores, gradient,
+            np.ascontiguousarray(theta, float), self._covariates, data.offset, data.successes, data.trials,
+            data.start, data.multiplicity, self.rule.nodes, self.rule.log_weights, self._before, self.modes,
+            self._eta, self._drift, self._drift_in_s, self.scales, self.values, self.scores, gradient,
         )  # fmt: skip
         return value + data.constant, gradient
 

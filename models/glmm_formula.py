@@ -145,7 +145,15 @@ def select_rows(
         The rows left, of the table and of the arrays beside it.
     n_given : int
         Rows before any were left out for missing values.
+
+    Raises
+    ------
+    InputError
+        For an array of another length than the table.
     """
+    for key, value in arrays.items():
+        if value is not None and len(value) != len(data):
+            raise located(key, Phrase(f"{len(value)} values"), f"one for each of the {len(data)} rows")
 
     def keep(rows: Any) -> dict[str, Any]:
         return {

@@ -24,133 +24,161 @@ import numpy as np
 
 from models.compiled import kernel
 
+inlined = kernel(inline="always")
+"""For parts of a group's likelihood: slices of arrays, and calls with a dozen of them, cost as much as a small
+group's arithmetic; so do inner loops over covariates, which compilers prepare for being long."""
+
 REACH = 300.0
 """Largest exponent for which plain products of probabilities are used; beyond it sums of logarithms are."""
 
-MODE_ERROR = 1e-15
-"""A search for a mode ends with a step whose square times 1 + |s|, about the error left, is below this."""
+MODE_ERROR = 1e-16
+"""A search for a mode ends with a step whose cube times 1 + s^2, more than the error left, is below this."""
+
+ROUNDING = 1e-15
+"""A step so short, against 1 + |u|, is rounding."""
+
+FARTHEST_GUESS = 1.0
+"""How far a guess of a mode may lie from the mode at the parameters before."""
 
 
 @kernel
-def _logistic(eta):  # type: ignore[no-untyped-def]
+def logistic(eta):  # type: ignore[no-untyped-def]
     """P and q = 1 - p, each to full relative precision."""
     e = np.exp(-abs(eta))
     small, large = e / (1.0 + e), 1.0 / (1.0 + e)
     return (large, small) if eta > 0.0 else (small, large)
 
 
-@kernel
-def _moments(u, eta, odds, successes, trials, s, moderate, at_mode):  # type: ignore[no-untyped-def]
+@inlined
+def _moments(u, eta, odds, successes, trials, first, n_rows, s, moderate, at_mode):  # type: ignore[no-untyped-def]
     """Sums over rows of y - m p, m p q and m p q (q - p) at intercept u.
 
-    `odds` are exp(eta), used where they are moderate; `at_mode` receives p and m p q of the rows.
+    `odds` are exp(eta), used where they are moderate; `at_mode` receives p, m p q and q of the rows.
     """
     residual, information, skew = 0.0, 0.0, 0.0
     quick = moderate and abs(s * u) < REACH
     factor = np.exp(s * u) if quick else 0.0
-    for j in range(len(eta)):
+    for j in range(n_rows):
         if quick:
             e = odds[j] * factor
             q = 1.0 / (1.0 + e)
             p = e * q
         else:
-            p, q = _logistic(eta[j] + s * u)
+            p, q = logistic(eta[first + j] + s * u)
+        hits, m = successes[first + j], trials[first + j]
         # y - m p, as y q - (m - y) p: no cancellation where p is close to 0 or 1.
-        residual += successes[j] * q - (trials[j] - successes[j]) * p
-        w = trials[j] * p * q
+        residual += hits * q - (m - hits) * p
+        w = m * p * q
         information += w
         skew += w * (q - p)
         at_mode[0, j] = p
         at_mode[1, j] = w
+        at_mode[2, j] = q
     return residual, information, skew
 
 
-@kernel
-def find_mode(eta, odds, successes, trials, s, guess, moderate, at_mode):  # type: ignore[no-untyped-def]
-    """Mode of h: Newton steps inside a bracket that shrinks, bisection whenever a step would leave it.
+@inlined
+def find_mode(  # type: ignore[no-untyped-def]
+    eta, odds, successes, trials, first, n_rows, s, guess, hits, misses, moderate, at_mode
+):
+    """Mode of h, and `_moments` there: Halley's steps inside a bracket that shrinks, bisection out of it.
 
-    h'(u) = s sum(y - m p) - u, so the mode lies between -s sum(m - y) and s sum(y). Unguarded Newton cycles
-    between two points for large s.
+    h'(u) = s sum(y - m p) - u, so the mode lies between -s sum(m - y) and s sum(y), `misses` and `hits` being the
+    sums. Unguarded Newton cycles between two points for large s.
     """
-    failures, total = 0.0, 0.0
-    for j in range(len(eta)):
-        failures += trials[j] - successes[j]
-        total += successes[j]
-    lower, upper = -s * failures, s * total
+    lower, upper = -s * misses, s * hits
     if lower > upper:
         lower, upper = upper, lower
     u = min(max(guess, lower), upper)
+    residual, information, skew = 0.0, 0.0, 0.0
+    arrived = False
     for _ in range(200):
-        residual, information, _ = _moments(u, eta, odds, successes, trials, s, moderate, at_mode)
+        residual, information, skew = _moments(u, eta, odds, successes, trials, first, n_rows, s, moderate, at_mode)
+        if arrived:
+            break
         slope = s * residual - u
         if slope > 0.0:
             lower = u
         else:
             upper = u
-        step = slope / (1.0 + s * s * information)
+        curvature = 1.0 + s * s * information
+        step = slope / curvature
+        bend = 1.0 + 0.5 * step * s * s * s * skew / curvature
+        if bend > 0.5:
+            step /= bend
+        if abs(step) <= ROUNDING * (1.0 + abs(u)):
+            break
         new = u + step
-        # Newton's error is of the order of its last step squared: no further pass is needed to see it.
-        if lower <= new <= upper and step * step * (1.0 + abs(s)) <= MODE_ERROR:
-            return new
-        if not lower < new < upper:
+        if lower <= new <= upper:
+            # The error left is of the order of the last step cubed: no further pass is needed to see it.
+            arrived = step * step * abs(step) * (1.0 + s * s) <= MODE_ERROR
+        if not arrived and not lower < new < upper:
             new = 0.5 * (lower + upper)
-            if new in (lower, upper):
-                return new
+            arrived = new in (lower, upper)
         u = new
-    return u
+    return u, residual, information, skew
 
 
-@kernel
+@inlined
+def _laplace(mode, s, scale, eta, successes, trials, first, n_rows, at_mode):  # type: ignore[no-untyped-def]
+    """Laplace's log-likelihood of a group from what the search for its mode has left; moderate exponents only."""
+    value, product = -0.5 * mode * mode, scale
+    for j in range(n_rows):
+        value += successes[first + j] * (eta[first + j] + s * mode)
+        if trials[first + j] == 1.0:
+            product *= at_mode[2, j]
+        else:
+            value += trials[first + j] * np.log(at_mode[2, j])
+    return value + np.log(product)
+
+
+@inlined
 def _node_weights(  # type: ignore[no-untyped-def]
-    eta, odds, successes, trials, s, mode, scale, nodes, log_weights, moderate, probability, expected, weight
-):
+    eta, odds, successes, trials, first, n_rows, s, mode, scale, nodes, log_weights, moderate, depth,
+    probability, expected, weight,
+):  # fmt: skip
     """Log of the quadrature sum.
 
     `weight[k]` receives the normalised terms, `probability[j, k]` p at every node, `expected[k]` sum_j m p.
     """
-    n_rows, n_nodes = len(eta), len(nodes)
-    reach = abs(s) * scale * nodes[n_nodes - 1]
-    depth = abs(mode) * scale * nodes[n_nodes - 1] + 0.5 * mode * mode
-    constant, total_successes = 0.0, 0.0
-    for j in range(n_rows):
-        depth += trials[j] * (abs(eta[j] + s * mode) + reach + 0.7)
-        constant += successes[j] * (eta[j] + s * mode)
-        total_successes += successes[j]
+    n_nodes = len(nodes)
     for k in range(n_nodes):
         expected[k] = 0.0
     if depth < REACH:
+        constant, total_successes = 0.0, 0.0
+        for j in range(n_rows):
+            constant += successes[first + j] * (eta[first + j] + s * mode)
+            total_successes += successes[first + j]
         # exp(y eta) times a product of q = 1 / (1 + exp(eta)): one division per row and node, no logarithm, and
         # nothing can under- or overflow.
         quick = moderate and abs(s * mode) < REACH
         shift = np.exp(s * mode) if quick else 0.0
-        factor = probability[n_rows]
         for k in range(n_nodes):
             # Nodes are symmetric about zero.
             mirrored = n_nodes - 1 - k
             if k <= mirrored:
-                factor[k] = np.exp(s * scale * nodes[k])
+                probability[n_rows, k] = np.exp(s * scale * nodes[k])
             else:
-                factor[k] = 1.0 / factor[mirrored]
+                probability[n_rows, k] = 1.0 / probability[n_rows, mirrored]
             u = mode + scale * nodes[k]
             tilt = total_successes * s * scale * nodes[k]
             weight[k] = np.exp(log_weights[k] + 0.5 * (nodes[k] * nodes[k] - u * u) + tilt)
         for j in range(n_rows):
-            e = odds[j] * shift if quick else np.exp(eta[j] + s * mode)
-            row = probability[j]
-            m = trials[j]
+            e = odds[j] * shift if quick else np.exp(eta[first + j] + s * mode)
+            m = trials[first + j]
             if m == 1.0:
                 for k in range(n_nodes):
-                    ratio = e * factor[k]
+                    ratio = e * probability[n_rows, k]
                     q = 1.0 / (1.0 + ratio)
-                    row[k] = ratio * q
-                    expected[k] += row[k]
+                    probability[j, k] = ratio * q
+                    expected[k] += ratio * q
                     weight[k] *= q
             else:
                 for k in range(n_nodes):
-                    ratio = e * factor[k]
+                    ratio = e * probability[n_rows, k]
                     q = 1.0 / (1.0 + ratio)
-                    row[k] = ratio * q
-                    expected[k] += m * row[k]
+                    probability[j, k] = ratio * q
+                    expected[k] += m * ratio * q
                     for _ in range(int(m)):
                         weight[k] *= q
         total = 0.0
@@ -164,12 +192,13 @@ def _node_weights(  # type: ignore[no-untyped-def]
         u = mode + scale * nodes[k]
         value = log_weights[k] + 0.5 * (nodes[k] * nodes[k] - u * u)
         for j in range(n_rows):
-            x = eta[j] + s * u
+            x = eta[first + j] + s * u
+            hits, m = successes[first + j], trials[first + j]
             softplus = max(x, 0.0) + np.log1p(np.exp(-abs(x)))
             # y x - m softplus(x), in the two parts that do not cancel.
-            value -= successes[j] * (softplus - x) + (trials[j] - successes[j]) * softplus
-            probability[j, k] = _logistic(x)[0]
-            expected[k] += trials[j] * probability[j, k]
+            value -= hits * (softplus - x) + (m - hits) * softplus
+            probability[j, k] = logistic(x)[0]
+            expected[k] += m * probability[j, k]
         weight[k] = value
         largest = max(largest, value)
     total = 0.0
@@ -181,72 +210,68 @@ def _node_weights(  # type: ignore[no-untyped-def]
     return largest + np.log(total)
 
 
-@kernel
+@inlined
 def _group(  # type: ignore[no-untyped-def]
-    eta,
-    odds,
-    design,
-    successes,
-    trials,
-    s,
-    guess,
-    nodes,
-    log_weights,
-    at_mode,
-    probability,
-    expected,
-    weight,
-    score,
-):
-    """Log-likelihood, mode and scale of one group; its score in (beta, s) is written to `score`."""
-    n_rows, n_nodes, n_fixed = len(eta), len(nodes), design.shape[1]
-    moderate, total_successes = True, 0.0
-    for j in range(n_rows):
-        moderate = moderate and abs(eta[j]) < REACH
-        odds[j] = np.exp(eta[j])
-        total_successes += successes[j]
-    mode = find_mode(eta, odds, successes, trials, s, guess, moderate, at_mode)
-    pull, information, skew = _moments(mode, eta, odds, successes, trials, s, moderate, at_mode)
+    eta, odds, successes, trials, first, n_rows, s, guess, hits, misses, size, moderate, nodes, log_weights,
+    at_mode, probability, expected, weight, entries, drift,
+):  # fmt: skip
+    """Log-likelihood, mode, scale, derivative by s, and the mode's derivative by s, of one group.
+
+    `entries` and `drift` receive the derivatives of the log-likelihood and of the mode by eta of the rows.
+    """
+    n_nodes = len(nodes)
+    mode, pull, information, skew = find_mode(
+        eta, odds, successes, trials, first, n_rows, s, guess, hits, misses, moderate, at_mode
+    )
     curvature = 1.0 + s * s * information
-    scale = 1.0 / np.sqrt(curvature)
-    value = -0.5 * np.log(curvature * 2.0 * np.pi)
-    value += _node_weights(
-        eta, odds, successes, trials, s, mode, scale, nodes, log_weights, moderate, probability, expected, weight
-    )  # fmt: skip
+    variance, scale = 1.0 / curvature, 1.0 / np.sqrt(curvature)
+    # The largest exponent at any node.
+    reach = scale * nodes[n_nodes - 1]
+    depth = (abs(mode) + 0.5 * reach) * reach + 0.5 * mode * mode + size
+    depth += (hits + misses) * (abs(s) * (abs(mode) + reach) + 0.7)
     # d value = (partial of h) + along_mode d mode + along_scale d scale / scale, the last including log t itself.
     along_mode, along_scale, spread = 0.0, 1.0, 0.0
-    for k in range(n_nodes):
-        u = mode + scale * nodes[k]
-        residual = total_successes - expected[k]
-        slope = weight[k] * (s * residual - u)
-        along_mode += slope
-        along_scale += slope * scale * nodes[k]
-        spread += weight[k] * u * residual
-    # d log t = -(1/2) dH / H, and dH has a part through the mode.
-    through_mode = along_mode - along_scale * 0.5 * s * s * s * skew / curvature
-    for c in range(n_fixed):
-        score[c] = 0.0
-    for j in range(n_rows):
-        mean = 0.0
+    single = n_nodes == 1 and depth < REACH
+    if single:
+        value = _laplace(mode, s, scale, eta, successes, trials, first, n_rows, at_mode)
+        along_mode = s * pull - mode
+        spread = mode * pull
+    else:
+        value = -0.5 * np.log(curvature * 2.0 * np.pi)
+        value += _node_weights(
+            eta, odds, successes, trials, first, n_rows, s, mode, scale, nodes, log_weights, moderate, depth,
+            probability, expected, weight,
+        )  # fmt: skip
         for k in range(n_nodes):
-            mean += weight[k] * probability[j, k]
+            u = mode + scale * nodes[k]
+            residual = hits - expected[k]
+            slope = weight[k] * (s * residual - u)
+            along_mode += slope
+            along_scale += slope * scale * nodes[k]
+            spread += weight[k] * u * residual
+    # d log t = -(1/2) dH / H, and dH has a part through the mode.
+    through_mode = along_mode - along_scale * 0.5 * s * s * s * skew * variance
+    for j in range(n_rows):
         p, w = at_mode[0, j], at_mode[1, j]
-        entry = successes[j] - trials[j] * mean
-        entry -= (through_mode * s + along_scale * 0.5 * s * s * (1.0 - 2.0 * p)) * w / curvature
-        for c in range(n_fixed):
-            score[c] += entry * design[j, c]
-    score[n_fixed] = (
-        spread
-        + through_mode * (pull - s * information * mode) / curvature
-        - along_scale * 0.5 * (2.0 * s * information + s * s * skew * mode) / curvature
-    )
-    return value, mode, scale
+        mean = 0.0
+        if single:
+            mean = p
+        else:
+            for k in range(n_nodes):
+                mean += weight[k] * probability[j, k]
+        entry = successes[first + j] - trials[first + j] * mean
+        entries[first + j] = entry - (through_mode * s + along_scale * 0.5 * s * s * (1.0 - 2.0 * p)) * w * variance
+        drift[first + j] = -s * w * variance
+    along = (pull - s * information * mode) * variance
+    slope_in_s = spread + through_mode * along
+    slope_in_s -= along_scale * 0.5 * (2.0 * s * information + s * s * skew * mode) * variance
+    return value, mode, scale, slope_in_s, along
 
 
 @kernel
 def marginal_likelihood(  # type: ignore[no-untyped-def]
-    theta, design, offset, successes, trials, start, multiplicity, nodes, log_weights,
-    modes, scales, values, scores, gradient,
+    theta, covariates, offset, successes, trials, start, multiplicity, nodes, log_weights,
+    before, modes, eta, drift, drift_in_s, scales, values, scores, gradient,
 ):  # fmt: skip
     """Log-likelihood of all patterns at ``theta = (beta, s)``, without binomial coefficients.
 
@@ -254,14 +279,19 @@ def marginal_likelihood(  # type: ignore[no-untyped-def]
     ----------
     theta : array [p + 1]
         Fixed effects and the signed standard deviation of the intercept.
-    design, offset, successes, trials : arrays [rows, p], [rows], [rows], [rows]
+    covariates, offset, successes, trials : arrays [p, rows], [rows], [rows], [rows]
         Rows of pattern ``i`` are ``start[i]:start[i + 1]``; successes and trials are whole numbers.
     multiplicity : array [patterns]
         How many groups share the pattern.
     nodes, log_weights : arrays [K]
         Probabilists' nodes, ascending and symmetric about zero, and the logarithms of their weights.
+    before : array [1]
+        s at the call before; receives that of `theta`.
     modes : array [patterns]
-        On entry guesses, on exit the modes.
+        On entry the modes found by the call before, or guesses; on exit the modes.
+    eta, drift, drift_in_s : arrays [rows], [rows], [patterns]
+        On entry linear predictors without the random intercept, and the derivatives of the modes by these and by s,
+        all of the call before, or zero: searches start where these point to. On exit those at `theta`.
     scales, values : arrays [patterns]
         Receive ``t`` and the log-likelihoods, without binomial coefficients.
     scores : array [patterns, p + 1]
@@ -272,62 +302,49 @@ def marginal_likelihood(  # type: ignore[no-untyped-def]
     Returns
     -------
     float
-        Sum of `values` by multiplicity. The sums are made here because a threaded library's are slower than the
-        rest where processors are shared, and their order varies.
+        Sum of `values` by multiplicity, made here because a threaded library's sums are slow and vary in order.
     """
-    n_fixed = design.shape[1]
+    n_fixed, n_all, n_patterns = len(covariates), len(offset), len(start) - 1
     longest = 0
-    for i in range(len(start) - 1):
+    for i in range(n_patterns):
         longest = max(longest, start[i + 1] - start[i])
-    eta, odds = np.empty(longest), np.empty(longest)
-    at_mode = np.empty((2, longest))
+    odds, at_mode = np.empty(longest), np.empty((3, longest))
     probability = np.empty((longest + 1, len(nodes)))  # one row more for the nodes' factors
     weight, expected = np.empty(len(nodes)), np.empty(len(nodes))
-    total = 0.0
-    gradient[:] = 0.0
-    for i in range(len(start) - 1):
-        first, last = start[i], start[i + 1]
-        n_rows = last - first
-        for j in range(n_rows):
-            predictor = offset[first + j]
-            for c in range(n_fixed):
-                predictor += design[first + j, c] * theta[c]
-            eta[j] = predictor
-        values[i], modes[i], scales[i] = _group(
-            eta[:n_rows], odds[:n_rows], design[first:last], successes[first:last], trials[first:last],
-            theta[n_fixed], modes[i], nodes, log_weights, at_mode, probability, expected, weight, scores[i],
-        )  # fmt: skip
-        total += multiplicity[i] * values[i]
-        for c in range(n_fixed + 1):
-            gradient[c] += multiplicity[i] * scores[i, c]
-    return total
-
-
-@kernel
-def pooled_likelihood(  # type: ignore[no-untyped-def]
-    beta, design, offset, successes, trials, start, multiplicity, gradient, information
-):
-    """Log-likelihood without a random intercept, with its gradient and information; arrays as above."""
-    n_fixed = design.shape[1]
-    gradient[:] = 0.0
-    information[:] = 0.0
-    total = 0.0
-    for i in range(len(start) - 1):
-        for j in range(start[i], start[i + 1]):
-            eta = offset[j]
-            for c in range(n_fixed):
-                eta += design[j, c] * beta[c]
-            p, q = _logistic(eta)
-            hits, misses = successes[j], trials[j] - successes[j]
-            softplus = max(eta, 0.0) + np.log1p(np.exp(-abs(eta)))
-            total -= multiplicity[i] * (hits * (softplus - eta) + misses * softplus)
-            pull = multiplicity[i] * (hits * q - misses * p)
-            w = multiplicity[i] * trials[j] * p * q
-            for c in range(n_fixed):
-                gradient[c] += pull * design[j, c]
-                for d in range(c + 1):
-                    information[c, d] += w * design[j, c] * design[j, d]
+    predictor, entries = offset.copy(), np.empty(n_all)
     for c in range(n_fixed):
-        for d in range(c):
-            information[d, c] = information[c, d]
+        for row in range(n_all):
+            predictor[row] += covariates[c, row] * theta[c]
+    s, moved, total, total_in_s = theta[n_fixed], theta[n_fixed] - before[0], 0.0, 0.0
+    before[0] = s
+    for i in range(n_patterns):
+        first, n_rows = start[i], start[i + 1] - start[i]
+        hits, misses, size, moderate, shift = 0.0, 0.0, 0.0, True, drift_in_s[i] * moved
+        for j in range(n_rows):
+            row = first + j
+            hits += successes[row]
+            misses += trials[row] - successes[row]
+            size += trials[row] * abs(predictor[row])
+            moderate = moderate and abs(predictor[row]) < REACH
+            shift += drift[row] * (predictor[row] - eta[row])
+            eta[row] = predictor[row]
+            odds[j] = np.exp(predictor[row])
+        guess = modes[i] + min(max(shift, -FARTHEST_GUESS), FARTHEST_GUESS)
+        guess = 0.0 if np.isnan(guess) else guess  # the call before may have had predictors that were not finite
+        values[i], modes[i], scales[i], in_s, drift_in_s[i] = _group(
+            eta, odds, successes, trials, first, n_rows, s, guess, hits, misses, size, moderate, nodes, log_weights,
+            at_mode, probability, expected, weight, entries, drift,
+        )  # fmt: skip
+        scores[i, n_fixed], total = in_s, total + multiplicity[i] * values[i]
+        total_in_s += multiplicity[i] * in_s
+    gradient[n_fixed] = total_in_s
+    for c in range(n_fixed):
+        slope = 0.0
+        for i in range(n_patterns):
+            score = 0.0
+            for row in range(start[i], start[i + 1]):
+                score += entries[row] * covariates[c, row]
+            scores[i, c] = score
+            slope += multiplicity[i] * score
+        gradient[c] = slope
     return total

@@ -15,13 +15,16 @@ import numpy as np
 import pandas as pd
 
 from models.glmm_data import MANY, Likelihood, Patterns, Rule
-from models.glmm_optimise import PART, Maximum, climb, maximise
+from models.glmm_optimise import FAR, PART, Maximum, climb, maximise
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
 
 SMALL_STEP = 0.1
 """Standard errors below which one Newton step stands for a new fit."""
+
+PRECISION = 1e-3
+"""Standard errors left where a new fit under the finer rule takes its last step."""
 
 TOLERATED = 0.01
 """Change of the standard deviation, in its standard errors, above which a fit is called dependent on the rule."""
@@ -79,14 +82,17 @@ def check_nodes(patterns: Patterns, rule: Rule, best: Maximum) -> NodeCheck:
     if patterns.n_patterns > MANY:
         # What the rule does to the estimate is seen as well on a part of the groups, both rules on the same part.
         part = patterns.part(PART)
-        ours, other = (climb(Likelihood(part, r), best.theta, inverse=inverse).theta[-1] for r in (rule, finer))
+        ours, other = (
+            climb(Likelihood(part, r), best.theta, inverse=inverse, stop=PRECISION).theta[-1] for r in (rule, finer)
+        )
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(other - ours), error, True)
     likelihood = Likelihood(patterns, finer)
     _, gradient = likelihood(best.theta)
     step = inverse @ gradient
     if gradient @ step <= SMALL_STEP**2:
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(step[-1]), error, False)
-    again = climb(likelihood, best.theta, inverse=inverse)
+    far = gradient @ step > FAR**2  # too far for what the other rule's curvature says
+    again = climb(likelihood, best.theta, inverse=None if far else inverse, stop=PRECISION)
     return NodeCheck(rule.n_nodes, finer.n_nodes, sd, float(again.theta[-1]), error, True)
 
 

@@ -1,8 +1,9 @@
 """Maximum likelihood of the mixed model: several starts, quasi-Newton on the exact gradient, diagnostics.
 
-The sum of outer products of group scores starts the curvature, BFGS updates refine it, one Newton step on the
-Hessian ends the search. The likelihood is even in the standard deviation, so the search is over a signed one:
-there is no boundary to run into, and a variance of zero is an ordinary stationary point.
+The sum of outer products of group scores is the curvature until a search is within a standard error of the top,
+BFGS updates refine it from there, one Newton step on the Hessian ends the search. The likelihood is even in the
+standard deviation, so the search is over a signed one: there is no boundary to run into, and a variance of zero is
+an ordinary stationary point.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.glmm_data import MANY, Array, Likelihood, Patterns, Rule
-from models.glmm_kernel import pooled_likelihood
+from models.glmm_pooled import pooled_logistic
 
 STARTS = (1.0, 3.0)
 """Standard deviations at which searches start; never 0, where the gradient in s vanishes."""
@@ -26,6 +27,12 @@ FEW_NODES = 11
 
 STOP = 1e-8
 """A search ends when the step left is shorter than this many standard errors."""
+
+FAR = 1.0
+"""Standard errors to go above which the curvature is made anew from the scores: what BFGS has gathered is stale."""
+
+FRESH = 8
+"""Steps after which BFGS goes on alone: where coefficients run off, a search would never come near."""
 
 SAME = 0.2
 """Relative deviation from the parabola around a known maximum below which a search is on its way there."""
@@ -198,6 +205,7 @@ def climb(
     max_iterations: int = 200,
     fixed: int | None = None,
     inverse: Array | None = None,
+    stop: float = STOP,
 ) -> Search:
     """BFGS from one point.
 
@@ -212,14 +220,15 @@ def climb(
         Position of a parameter that does not move (profile likelihood).
     inverse : array [p + 1, p + 1], optional
         Inverse of minus the Hessian to start with; from the scores at the start where it is not given.
+    stop : float
+        Standard errors left at which the search ends. Where that is coarse the step left is taken unseen, which
+        leaves about its square.
     """
     start, theta = float(theta[-1]), np.array(theta, float)
     free = np.delete(np.arange(len(theta)), [] if fixed is None else [fixed])
     value, gradient = likelihood(theta)
     if inverse is None:
-        outer = likelihood.outer_product()
-        # A ridge of a thousandth keeps steps finite where scores say nothing yet.
-        inverse = np.linalg.inv(outer + 1e-3 * np.diag(np.maximum(np.diag(outer), 1e-3)))
+        inverse = _from_scores(likelihood)
     b = inverse[np.ix_(free, free)].copy()
     if fixed is not None:
         column = inverse[free, fixed]
@@ -228,8 +237,10 @@ def climb(
     for iteration in range(max_iterations + 1):
         move = b @ gradient[free]
         decrement = float(gradient[free] @ move)
-        if decrement <= STOP**2:
+        if decrement <= stop**2:
             converged = True
+            if stop > STOP:
+                theta[free] += move
             break
         if iteration == max_iterations:
             break
@@ -252,10 +263,12 @@ def climb(
             curvature = 2.0 * (value + length * slope - new_value) / length**2
             length = min(0.5 * length, max(0.1 * length, slope / curvature)) if curvature > 0 else 0.1 * length
         else:
-            converged = decrement <= (1e3 * STOP) ** 2
+            converged = decrement <= (1e3 * stop) ** 2
             break
         s, y = trial[free] - theta[free], gradient[free] - new_gradient[free]
         theta, value, gradient = trial, new_value, new_gradient
+        if decrement > FAR**2 and fixed is None and iteration < FRESH:
+            b = _from_scores(likelihood)
         sy = float(s @ y)
         if sy > 1e-10 * float(np.linalg.norm(s) * np.linalg.norm(y)):
             by = b @ y
@@ -269,43 +282,11 @@ def climb(
     return Search(start, theta, value, whole, iteration, converged, joined)
 
 
-def pooled_logistic(patterns: Patterns, max_iterations: int = 100) -> tuple[Array, float]:
-    """Logistic regression that ignores the groups: coefficients, and log-likelihood with the constant.
-
-    Newton's method with step halving. Where the data are separated it stops once every separated probability is 0
-    or 1 to nine digits and more.
-    """
-    size = patterns.n_fixed
-
-    def at(b: Array) -> tuple[float, Array, Array]:
-        gradient, information = np.empty(size), np.empty((size, size))
-        value = pooled_likelihood(
-            b, patterns.design, patterns.offset, patterns.successes, patterns.trials, patterns.start,
-            patterns.multiplicity, gradient, information,
-        )  # fmt: skip
-        return value, gradient, information
-
-    beta = np.zeros(size)
-    value, gradient, information = at(beta)
-    for _ in range(max_iterations):
-        try:
-            step = np.linalg.solve(information, gradient)
-        except np.linalg.LinAlgError:
-            break
-        decrement = float(gradient @ step)
-        if decrement <= 1e-20:
-            break
-        length = 1.0
-        new = at(beta + step)
-        # So close to the top differences of values are rounding, and Newton's step needs no check.
-        while new[0] < value and length > 1e-6 and decrement > 1e-9:
-            length *= 0.5
-            new = at(beta + length * step)
-        if length <= 1e-6:
-            break
-        beta = beta + length * step
-        value, gradient, information = new
-    return beta, value + patterns.constant
+def _from_scores(likelihood: Likelihood) -> Array:
+    """Inverse of the sum of outer products of the scores at the last call."""
+    outer = likelihood.outer_product()
+    # A ridge of a thousandth keeps steps finite where scores say nothing yet.
+    return np.linalg.inv(outer + 1e-3 * np.diag(np.maximum(np.diag(outer), 1e-3)))
 
 
 def negative_definite(hessian: Array) -> bool:

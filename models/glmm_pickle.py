@@ -21,6 +21,8 @@ def state_of(model: Any) -> dict[str, Any]:
     parts = dict(vars(data))
     if type(parts.get("model_spec")).__module__.startswith("patsy"):
         parts["model_spec"] = None
+    if "made" in parts:
+        parts["made"] = None  # a plain formula's description is made anew wherever it is asked for
     return {"attributes": state, "data_class": type(data), "data": parts}
 
 

@@ -104,7 +104,10 @@ def find_separation(patterns: Patterns, pooled_beta: Array, names: Sequence[str]
 
 def ceiling_cells(patterns: Patterns, names: Sequence[str]) -> tuple[Cell, ...]:
     """Cells with at least ten trials, all with the same outcome; none where covariates are continuous."""
-    if len(np.unique(patterns.design[:1000], axis=0)) > MOST_CELLS or len(patterns.cells[3]) > MOST_CELLS:
+    # One continuous covariate is seen at once; rows have to be compared only where there is none.
+    if any(len(np.unique(column)) > MOST_CELLS for column in patterns.design[:1000].T):
+        return ()
+    if len(patterns.cells[3]) > MOST_CELLS:
         return ()
     design, _, y, m = patterns.cells
     flat = ((y == 0) | (y == m)) & (m >= CEILING_TRIALS)

@@ -95,7 +95,7 @@ def environment() -> dict[str, str]:
     """Machine and versions, stored beside every result."""
     packages = (
         "numpy", "numba", "pandas", "pyarrow", "hmmlearn", "pymc", "pytensor", "nutpie", "arviz", "jax", "numpyro",
-        "pymc-extras",
+        "pymc-extras", "statsmodels", "glmm",
     )  # fmt: skip
     out = {"python": platform.python_version(), "machine": platform.machine(), "system": platform.system()}
     for name in packages:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from models.glmm_data import Likelihood, Patterns, Rule
-from models.glmm_optimise import pooled_logistic
+from models.glmm_pooled import pooled_logistic
 from tests.reference import glmm as reference
 
 
@@ -175,6 +175,31 @@ def test_guarded_search_finds_modes_where_plain_newton_cycles(s):
         likelihood.modes[:] = guess
         likelihood(np.array([-4.0, s]))
         assert likelihood.modes[0] == pytest.approx(want, rel=1e-10)
+
+
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan, 1e308])
+@pytest.mark.parametrize("position", [0, 3])
+def test_a_call_without_a_finite_value_spoils_none_after_it(bad, position):
+    patterns = Rows.random(np.random.default_rng(8)).patterns()
+    theta = np.array([0.3, -0.5, 0.4, 1.2])
+    fresh, used = Likelihood(patterns, Rule.hermite(5)), Likelihood(patterns, Rule.hermite(5))
+    used(np.where(np.arange(4) == position, bad, theta))
+    value, gradient = used(theta)
+    want, want_gradient = fresh(theta)
+    assert value == pytest.approx(want, rel=1e-13)
+    assert gradient == pytest.approx(want_gradient, rel=1e-10, abs=1e-11)
+
+
+@given(seeds)
+def test_where_the_calls_before_were_does_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    used = Likelihood(Rows.random(rng).patterns(), Rule.hermite(7))
+    for scale in (0.01, 0.1, 1.0, 5.0, 1e-6, 0.0):
+        theta = np.append(rng.normal(size=3), 1.3) + scale * rng.normal(size=4)
+        value, gradient = used(theta)
+        want, want_gradient = Likelihood(used.patterns, used.rule)(theta)
+        assert value == pytest.approx(want, rel=1e-13)
+        assert gradient == pytest.approx(want_gradient, rel=1e-9, abs=1e-10)
 
 
 @given(seeds)

@@ -1,0 +1,188 @@
+"""Many draws of one model solved in threads, each with its certificate."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import located
+from models.planning.arrays import Array, Index
+from models.planning.grid_run import GridRun, blind_slots, new_run, solve_run
+from models.planning.grid_solver import DONE
+from models.planning.latent import LatentBatch
+from models.planning.solver import GRID_STATES, solve, tidied
+from models.work_clock import WorkClock
+
+POINTS, SLOTS = 16_384, 4_096
+"""Room for one draw at first; the few that need more are solved one by one."""
+
+ROUNDS = 200
+"""Rounds of the grid at most, before a draw is solved on its own."""
+
+
+@dataclass(frozen=True)
+class DrawSolution:
+    """Policy graph and bounds of one draw; fields as in `models.planning.solution.Solution`."""
+
+    lower: float
+    upper: float
+    status: str
+    seconds: float
+    alpha: Array
+    mode: Index
+    choice: Index
+    follow: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class BatchSolution:
+    """Solutions of all draws.
+
+    Attributes
+    ----------
+    batch : LatentBatch
+    solutions : tuple of DrawSolution
+    precision : float
+        Relative gap that was asked for.
+    seconds, compile_seconds : float
+        Wall time of the work, and of compiling or loading kernels.
+    """
+
+    batch: LatentBatch
+    solutions: tuple[DrawSolution, ...] = field(repr=False)
+    precision: float
+    seconds: float
+    compile_seconds: float
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds, shape ``[draw]``."""
+        return np.array([s.lower for s in self.solutions])
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds, shape ``[draw]``."""
+        return np.array([s.upper for s in self.solutions])
+
+    @property
+    def draw_seconds(self) -> Array:
+        """Seconds that each draw took, shape ``[draw]``."""
+        return np.array([s.seconds for s in self.solutions])
+
+    @property
+    def relative_gap(self) -> Array:
+        """Gaps as shares of the larger bound's size, shape ``[draw]``."""
+        size = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.divide(self.upper - self.lower, size, out=np.zeros_like(size), where=size > 0)
+
+    @property
+    def certified(self) -> NDArray[np.bool_]:
+        """Which draws reached the gap asked for."""
+        return np.array([s.status == "converged" for s in self.solutions])
+
+    @property
+    def sentence(self) -> str:
+        """How many draws are certified, and how long that took."""
+        ms = 1e3 * self.draw_seconds
+        return (
+            f"{int(self.certified.sum())} of {len(self.solutions)} draws solved to a relative gap of "
+            f"{self.precision:g} (largest {self.relative_gap.max():.2g}); a draw took {np.median(ms):.2g} ms in the "
+            f"median, {ms.mean():.2g} ms in the mean."
+        )
+
+
+def solve_draws(
+    batch: LatentBatch,
+    precision: float = 1e-3,
+    *,
+    threads: int | None = None,
+    time_limit: float = 60.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> BatchSolution:
+    """Solve every draw of a model.
+
+    Draws are independent: results do not depend on the number of threads. The interpreter's lock is not held.
+
+    Parameters
+    ----------
+    batch : LatentBatch
+    precision : float
+        Relative gap wanted.
+    threads : int, optional
+        As many as there are processors by default.
+    time_limit : float
+        Seconds for one draw that the first attempt leaves unsolved.
+    progress : callable, optional
+        Called with draws done and draws in all.
+
+    Raises
+    ------
+    InputError
+        On a discount of 1 or a precision that makes no sense.
+    """
+    if not 0 <= batch.discount < 1:
+        raise located("discount of the batch", batch.discount, "from 0 to below 1: there is no horizon")
+    if not (np.isfinite(precision) and precision > 0):
+        raise located("precision", precision, "a number above 0")
+    if threads is not None and threads < 1:
+        raise located("threads", threads, "at least 1")
+    clock = WorkClock()
+    local = threading.local()
+    first = batch.problem(0)
+    modes = np.array([x for x, _, _ in first.starts()], dtype=np.int64)
+    weight = np.array([p for _, p, _ in first.starts()])
+    small = batch.draws.n_states <= GRID_STATES
+    done, lock = [0], threading.Lock()
+    if small and len(batch):
+        # Compiled before the clock of any draw starts, and by one thread.
+        _attempt(batch, 0, new_run(batch.template, 64, 64 + blind_slots(batch.template)), modes, weight, 1.0, 1)
+
+    def one(d: int) -> DrawSolution:
+        began = time.perf_counter()
+        solution = None
+        if small:
+            if not hasattr(local, "run"):
+                local.run = new_run(batch.template, POINTS, SLOTS + blind_slots(batch.template))
+            solution = _attempt(batch, d, local.run, modes, weight, precision, ROUNDS)
+        if solution is None:
+            full = solve(batch.problem(d), precision, time_limit=time_limit)
+            solution = DrawSolution(
+                full.lower, full.upper, full.status, 0.0, full.alpha, full.mode, full.choice, full.follow
+            )
+        object.__setattr__(solution, "seconds", time.perf_counter() - began)
+        if progress is not None:
+            with lock:
+                done[0] += 1
+                progress(done[0], len(batch))
+        return solution
+
+    workers = threads or os.cpu_count() or 1
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(one, d) for d in range(len(batch))]
+        try:
+            solutions = tuple(future.result() for future in futures)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+    return BatchSolution(batch, solutions, precision, clock.wall(), clock.compile_seconds)
+
+
+def _attempt(
+    batch: LatentBatch, d: int, run: GridRun, modes: Index, weight: Array, precision: float, rounds: int
+) -> DrawSolution | None:
+    """One draw by the grid in one compiled call; None if that does not certify it."""
+    arrays = batch.arrays(d)
+    beliefs = np.ascontiguousarray(np.broadcast_to(batch.draws.initial[d], (len(modes), batch.draws.n_states)))
+    status = solve_run(arrays, run, modes, beliefs, weight, precision, True, rounds, 0)
+    if status != DONE:
+        return None
+    kept = tidied(arrays, run.vectors)
+    return DrawSolution(float(run.bounds[0]), float(run.bounds[1]), "converged", 0.0, *kept)

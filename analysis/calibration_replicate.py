@@ -149,7 +149,7 @@ def rank_truth(
     ranks = ranks_of(quantities(study, truth)[1], thinned(values), rng)
     some = theta[:, :: max(1, sampler.draws // 5)].reshape(-1, theta.shape[-1])
     return Replicate(
-        names, ranks, sampler.draws, gate.min_ess_bulk, gate.max_rhat, gate.divergences, study.node_check(some)
+        names, ranks, sampler.draws, gate.min_ess_bulk, gate.max_rhat, divergences, study.node_check(some)
     )
 
 

@@ -34,9 +34,11 @@ def build() -> typer.Typer:
         cli_em,
         cli_fits,
         cli_glmm,
+        cli_plan,
         cli_power,
         cli_recover,
         cli_report,
+        cli_solve,
     )
 
     app = typer.Typer(
@@ -58,6 +60,8 @@ def build() -> typer.Typer:
     app.command("compare")(cli_compare.compare_command)
     app.command("glmm")(cli_glmm.glmm_command)
     app.command("anova")(cli_anova.anova_command)
+    app.command("plan")(cli_plan.plan_command)
+    app.command("solve")(cli_solve.solve_command)
     app.add_typer(cli_power.power, name="power")
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)

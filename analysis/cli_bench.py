@@ -10,7 +10,7 @@ from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, 
 
 
 def bench_command(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, or all.")] = "all",
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, planning, or all.")] = "all",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repeats and smaller sizes.")] = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -22,11 +22,11 @@ def bench_command(
     """
     import sys
 
-    from analysis.bench import bayes, em, glmm
+    from analysis.bench import bayes, em, glmm, planning
     from analysis.bench.timing import environment
     from models.errors import located
 
-    suites = {"em": em.run, "bayes": bayes.run, "glmm": glmm.run}
+    suites = {"em": em.run, "bayes": bayes.run, "glmm": glmm.run, "planning": planning.run}
     if name != "all" and name not in suites:
         raise located("bench", name, f"one of {', '.join(suites)}, or all")
     report = Report(json, quiet)

@@ -93,8 +93,8 @@ class BatchSolution:
         ms = 1e3 * self.draw_seconds
         return (
             f"{int(self.certified.sum())} of {len(self.solutions)} draws solved to a relative gap of "
-            f"{self.precision:g} (largest {self.relative_gap.max():.2g}); a draw took {np.median(ms):.2g} ms in the "
-            f"median, {ms.mean():.2g} ms in the mean."
+            f"{self.precision:g} (largest {self.relative_gap.max():.2g}); a draw took {np.median(ms):.2g} ms in "
+            f"the median, {ms.mean():.2g} ms in the mean."
         )
 
 

@@ -200,6 +200,8 @@ def add_root(grid: Grid, problem: ProblemArrays, mode: int, belief: Array, upper
     grid.mode[i] = mode
     grid.belief[i] = belief
     grid.upper[i] = upper
+    grid.share[i] = 1.0  # until it is worked out; left at zero it would not even be swept
+    grid.greedy[i] = 0
     step_point(grid, problem, i, 0, new_scratch(grid.belief.shape[1]))
 
 
@@ -222,6 +224,7 @@ def add_corners(grid: Grid, problem: ProblemArrays, upper: float) -> None:
             grid.table[-1 - free] = i
     for i in range(grid.counts[0]):
         grid.share[i] = 1.0 / (1.0 - problem.discount)  # until they are worked out
+        grid.greedy[i] = 0
         step_point(grid, problem, i, 0, scratch)
 
 

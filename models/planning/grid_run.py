@@ -49,24 +49,17 @@ def new_run(problem: ProblemArrays, points: int, vectors: int) -> GridRun:
 
 
 @kernel
-def begin(problem: ProblemArrays, run: GridRun, modes: Index, beliefs: Array, warm: int) -> int:
-    """Set up corners, starting beliefs and blind policies; returns the number of the first starting belief.
+def first_vectors(problem: ProblemArrays, vectors: Vectors, warm: int) -> float:
+    """Value warm vectors anew and add the blind policies; returns the highest reward.
 
     Parameters
     ----------
     problem : ProblemArrays
-    run : GridRun
-        What it held before is forgotten, but for warm vectors.
-    modes : int64[r]
-    beliefs : float64[r, w]
-        Where the problem may start.
+    vectors : Vectors
+        With free slots for the blind policies; what it held before is forgotten, but for warm vectors.
     warm : int
-        So many vectors of another model's policy graph are kept and valued anew in this one.
+        So many vectors of another model's policy graph are kept, and valued in this one.
     """
-    grid, vectors = run.grid, run.vectors
-    grid.counts[:] = 0
-    grid.table[:] = -1
-    run.rounds[0] = 0
     lowest = np.inf
     highest = -np.inf
     for x in range(len(problem.mode_size)):
@@ -82,7 +75,29 @@ def begin(problem: ProblemArrays, run: GridRun, modes: Index, beliefs: Array, wa
     else:
         vectors.last[:] = -1
     blind_vectors(problem, vectors, BLIND)
-    top = highest / (1.0 - problem.discount)
+    return highest
+
+
+@kernel
+def begin(problem: ProblemArrays, run: GridRun, modes: Index, beliefs: Array, warm: int) -> int:
+    """Set up corners, starting beliefs and blind policies; returns the number of the first starting belief.
+
+    Parameters
+    ----------
+    problem : ProblemArrays
+    run : GridRun
+        What it held before is forgotten, but for warm vectors.
+    modes : int64[r]
+    beliefs : float64[r, w]
+        Where the problem may start.
+    warm : int
+        So many vectors of another model's policy graph are kept and valued anew in this one.
+    """
+    grid = run.grid
+    grid.counts[:] = 0
+    grid.table[:] = -1
+    run.rounds[0] = 0
+    top = first_vectors(problem, run.vectors, warm) / (1.0 - problem.discount)
     add_corners(grid, problem, top)
     first_root = grid.counts[0]
     for r in range(len(modes)):

@@ -43,7 +43,8 @@ class GridSearch:
     ) -> None:  # fmt: skip
         self.problem, self.weight, self.memory = problem, weight, memory
         known = 0 if warm is None else int(warm.counts[0])
-        run = new_run(problem, POINTS, SLOTS + blind_slots(problem) + known)
+        corners = int(problem.mode_size.sum()) + len(modes)
+        run = new_run(problem, max(POINTS, 2 * corners), SLOTS + blind_slots(problem) + known)
         if warm is not None:
             run = run._replace(vectors=grown_vectors(warm, len(run.vectors.mode)))
         self.run: GridRun = run

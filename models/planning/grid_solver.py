@@ -130,9 +130,10 @@ def advance(
     """
     look_up_again(grid, problem, new_scratch(grid.belief.shape[1]))
     # Falling bounds change the choices that look best, and with them which points matter: until both agree.
-    for _ in range(AGREEMENTS):
+    for attempt in range(AGREEMENTS):
         root_bounds(grid, vectors, problem, weight, first_root, bounds)
-        if sweep_down(grid, problem, SWEEP_SHARE * (bounds[1] - bounds[0])) == 1:
+        # Nothing is known yet of how much the points count that the last round added: one look at visits at least.
+        if sweep_down(grid, problem, SWEEP_SHARE * (bounds[1] - bounds[0])) == 1 and attempt > 0:
             break
         visit_shares(grid, problem, weight, first_root, 0.05)
     root_bounds(grid, vectors, problem, weight, first_root, bounds)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.errors import located
 from models.planning.arrays import Array, Index, ProblemArrays, arrays_of
-from models.planning.grid_run import blind_slots
+from models.planning.grid_run import blind_slots, first_vectors
 from models.planning.grid_search import GridSearch
 from models.planning.problem import Problem
 from models.planning.solution import Solution, Status, TracePoint
@@ -131,6 +131,8 @@ def _searches(
         grid = GridSearch(arrays, modes, beliefs, weight, memory // 2, known)
         yield grid
         known = grid.vectors
+    elif known is not None:
+        first_vectors(arrays, known, int(known.counts[0]))
     yield TrialSearch(arrays, modes, beliefs, weight, memory, known)
 
 

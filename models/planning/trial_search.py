@@ -74,7 +74,7 @@ class TrialSearch:
         for x in range(len(sizes)):
             offered = planes[problem.mode_choice[x] : problem.mode_choice[x + 1]]
             values[x] = np.minimum(values[x], offered.max(axis=0))
-        self.tree = empty_tree(problem, NODES, values, planes)
+        self.tree = empty_tree(problem, max(NODES, 2 * len(modes)), values, planes)
         self.bins = empty_bins(problem, self.tree)
         self.room = new_room(problem)
         roots = []

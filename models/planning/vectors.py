@@ -290,6 +290,17 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
             some = some or (vectors.mode[i] == x and useful[i])
         if not some and vectors.last[x] >= 0:
             useful[place[vectors.last[x]]] = True
+    # A mode that no visited point is in yet may be come to later, and any vector of it is sound.
+    for x in range(len(vectors.last)):
+        held = False
+        for i in range(count):
+            held = held or (useful[i] and vectors.mode[i] == x)
+        i = 0
+        while not held and i < count:
+            if vectors.mode[i] == x and place[i] == i:
+                useful[i] = True
+                held = True
+            i += 1
     changed = True
     while changed:
         changed = False

@@ -117,11 +117,13 @@ class _Document:
         if not self.has_mode:
             yield "-", _numbers(self.problem.initial[0])
             return
-        yield "* -", "uniform"
+        # In numbers and each once: APPL's reader takes no "uniform" with a parent, and adds up what is said twice.
+        filled = np.full((len(self.modes), self.n), 1.0 / self.n)
         for x, _, belief in self.problem.starts():
-            filled = np.zeros(self.n)
-            filled[: len(belief)] = belief
-            yield f"{self.modes[x]} -", _numbers(filled)
+            filled[x] = 0.0
+            filled[x, : len(belief)] = belief
+        for mode, row in zip(self.modes, filled, strict=True):
+            yield f"{mode} -", _numbers(row)
 
     def _steps(self) -> Iterator[tuple[int, int, tuple[Branch, ...]]]:
         for a in range(len(self.actions)):

@@ -1,0 +1,274 @@
+"""The command ``plan``: what the robot should do over a known schedule or without horizon, beside baselines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from analysis.cli_options import (
+    DEFAULT_SEED,
+    JsonOption,
+    ProtocolOption,
+    QuietOption,
+    Report,
+    SeedOption,
+    check_output,
+    distinct_files,
+    load_protocol,
+)
+from analysis.cli_solve import TimeLimitOption, gap_shown
+from models.errors import InputError, Phrase, located
+
+if TYPE_CHECKING:
+    from models.lspomdp import LatentStatePOMDP
+    from models.planning.mode_process import ModeProcess
+    from models.planning.problem import Problem
+    from models.protocol import Protocol
+
+STUDY_SCHEDULE = "HRHRHRHRH"
+"""Schedule of the paper's second study, planned for unless another one is named."""
+
+SIMULATED_RUNS = 10_000
+
+RewardSteepness = Annotated[
+    float | None, typer.Option("--r", help="Steepness of the reward; the model's own, or .06, by default.")
+]
+CostOption = Annotated[
+    list[str] | None,
+    typer.Option("--cost", metavar="ACTION=X", help="Cost of an action, in reward units."),
+]
+CostHelpOption = Annotated[float | None, typer.Option("--cost-help", help="Cost of helping; 15 by default.")]
+CostSignalOption = Annotated[float | None, typer.Option("--cost-signal", help="Cost of a signal; 15 by default.")]
+PrecisionOption = Annotated[
+    float, typer.Option("--precision", min=0, help="Relative gap between the bounds at which solving stops.")
+]
+
+
+def plan_command(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="Model file (JSON).")],
+    schedule: Annotated[
+        str | None,
+        typer.Option(help=f"Letters of the rounds, H: the human may help; {STUDY_SCHEDULE} by default."),
+    ] = None,
+    infinite: Annotated[bool, typer.Option("--infinite", help="Without horizon instead of a schedule.")] = False,
+    start_mode: Annotated[
+        str | None, typer.Option(help="With --infinite: first mode, name or letter; else the protocol's first.")
+    ] = None,
+    mode_process: Annotated[
+        str | None,
+        typer.Option(metavar="PROCESS", help="With --infinite: alternating, or bernoulli:p, p for the first mode."),
+    ] = None,
+    discount: Annotated[
+        float | None, typer.Option(help="1 for a schedule and 0.95 without horizon by default.")
+    ] = None,
+    r: RewardSteepness = None,
+    cost_help: CostHelpOption = None,
+    cost_signal: CostSignalOption = None,
+    cost: CostOption = None,
+    precision: PrecisionOption = 1e-3,
+    time_limit: TimeLimitOption = 60.0,
+    policy: Annotated[
+        str | None, typer.Option("--policy", metavar="FILE", help="Write the policy, for the robot to run.")
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
+    protocol: ProtocolOption = None,
+) -> None:  # fmt: skip
+    """What the robot should do: the exact best plan of a schedule, or a policy without horizon with its bounds.
+
+    Example: prosocial plan model.json --schedule HRHRHRHRH
+    """
+    from models.model_files import read_model
+
+    report = Report(json, quiet)
+    if policy is not None:
+        check_output("--policy", policy)
+    distinct_files({"MODEL": model, "--policy": policy, "--json": json})
+    if infinite and schedule is not None:
+        raise located("--infinite", Phrase(f"--schedule {schedule} beside it"), "one of the two")
+    given = {"--start-mode": start_mode, "--mode-process": mode_process}
+    for option, value in given.items():
+        if not infinite and value is not None:
+            raise located(option, value, "no value: it belongs to --infinite")
+    own = rewarded(read_model(model, load_protocol(protocol) if protocol else None), r, {
+        "help": cost_help, "signal": cost_signal, **costs_of(cost)})  # fmt: skip
+    if infinite:
+        process = mode_process_of(own.protocol, mode_process or "alternating", start_mode)
+        content = _infinite(own, process, discount, precision, time_limit, seed, policy, report)
+    else:
+        content = _schedule(own, schedule or STUDY_SCHEDULE, discount, policy, report)
+    reward = {"r": own.reward.r, "x": list(own.reward.x), "costs": _costs(own)}
+    report.finish({**content, "reward": reward, "states": list(own.state_names), "seed": seed, "policy": policy})
+
+
+def _schedule(
+    model: LatentStatePOMDP, schedule: str, discount: float | None, out: str | None, report: Report
+) -> dict[str, Any]:
+    from models.planning.baselines import baselines
+    from models.planning.evaluation import evaluate_schedule
+    from models.planning.exact import solve_schedule
+    from models.planning.plan_policy import PlanPolicy
+    from models.planning.schedule import Schedule
+    from models.work_clock import WorkClock
+
+    known = Schedule.of(model, schedule, 1.0 if discount is None else discount)
+    clock = WorkClock()
+    plan = solve_schedule(known)
+    best = PlanPolicy.of(plan, "optimal")
+    results = {p.name: evaluate_schedule(p, known) for p in (best, *baselines(model))}
+    seconds = clock.wall()
+    own = results["optimal"]
+    report.say(plan.sentence)
+    report.say(_rows({name: _measures(v) for name, v in results.items()}))
+    report.say(best.reason(best.begin(known.modes[0])))
+    report.say(_unit(model))
+    _write(best, out)
+    return {
+        "value": plan.value, "first_action": plan.first_action, "help_rate": own.help_rate,
+        "costly_actions": own.costly_actions, "policies": {name: _measures(v) for name, v in results.items()},
+        "schedule": known.letters, "discount": known.discount,
+        "first_action_values": dict(
+            zip([a.name for a in known.mode(0).actions], plan.first_values.tolist(), strict=True)
+        ),
+        "plan": plan.rows(), "state_path": own.state_path, "sentence": plan.sentence, "seconds": seconds,
+        "compile_seconds": clock.compile_seconds,
+    }  # fmt: skip
+
+
+def _infinite(
+    model: LatentStatePOMDP, process: ModeProcess, discount: float | None, precision: float, time_limit: float,
+    seed: int, out: str | None, report: Report,
+) -> dict[str, Any]:  # fmt: skip
+    from models.planning.latent import DISCOUNT, latent_problem
+    from models.planning.solver import solve
+
+    problem = latent_problem(model, process, DISCOUNT if discount is None else discount)
+    with gap_shown(report.quiet) as progress:
+        solution = solve(problem, precision, time_limit=time_limit, progress=progress)
+    policy = solution.policy
+    by_mode = {name: policy.action(policy.model.initial[x], x) for x, name in enumerate(problem.modes)}
+    values = infinite_baselines(model, problem, seed)
+    report.say(f"{process.words}; discount {problem.discount:g}. {solution.sentence}")
+    report.say("At the initial belief: " + ", ".join(f"{a} in {m}" for m, a in by_mode.items()) + ".")
+    shown = {"ls-POMDP": {"value": solution.lower, "low": solution.lower, "high": solution.upper}, **values}
+    report.say(_rows(shown))
+    first = next(iter(problem.starts()))[0]
+    report.say(policy.reason(policy.begin(first)))
+    report.say(_unit(model))
+    _write(policy, out)
+    return {
+        "lower": solution.lower, "upper": solution.upper, "gap": solution.gap,
+        "relative_gap": solution.relative_gap, "status": solution.status, "seconds": solution.seconds,
+        "compile_seconds": solution.compile_seconds, "alpha_vectors": solution.alpha_vectors,
+        "beliefs": solution.beliefs, "action_by_mode": by_mode, "policies": shown, "discount": problem.discount,
+        "mode_process": process.words, "sentence": solution.sentence,
+    }  # fmt: skip
+
+
+def infinite_baselines(model: LatentStatePOMDP, problem: Problem, seed: int) -> dict[str, dict[str, float]]:
+    """Value of every baseline without horizon: exact where its memory is finite, else simulated with interval."""
+    from models.planning.baselines import baselines, never
+    from models.planning.belief_policy import BeliefPolicy
+    from models.planning.finite_memory import infinite_value
+    from models.planning.rollouts import beside, simulate_policies
+
+    out = {}
+    control = never(model.protocol)
+    for policy in baselines(model):
+        if isinstance(policy, BeliefPolicy):
+            own, known = simulate_policies([policy, control], problem, runs=SIMULATED_RUNS, seed=seed)
+            simulated = beside(own, known, infinite_value(control, problem).value)
+            out[policy.name] = {"value": simulated.value, "low": simulated.low, "high": simulated.high}
+        else:
+            exact = infinite_value(policy, problem)
+            out[policy.name] = {"value": exact.value, "low": exact.value, "high": exact.value}
+    return out
+
+
+# -- what the options say --------------------------------------------------------------------------
+def costs_of(options: list[str] | None) -> dict[str, float]:
+    """Costs by action from ``ACTION=X`` options."""
+    out: dict[str, float] = {}
+    for option in options or ():
+        name, sign, text = option.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            sign = ""
+        if not sign or not name:
+            raise located("--cost", option, "ACTION=X, such as help=10")
+        if name in out:
+            raise located("--cost", option, f"{name} once")
+        out[name] = value
+    return out
+
+
+def rewarded(model: LatentStatePOMDP, r: float | None, costs: dict[str, float | None]) -> LatentStatePOMDP:
+    """The model with another reward, as far as options say one.
+
+    Raises
+    ------
+    InputError
+        On an action that the protocol does not have.
+    """
+    from dataclasses import replace
+
+    asked = {name: value for name, value in costs.items() if value is not None}
+    names = model.protocol.action_names
+    for name in asked:
+        if name not in names:
+            raise located(f"cost of {name}", Phrase(f"action {name}"), f"one of {', '.join(names)}")
+    reward = replace(model.reward, costs={**model.reward.costs, **asked})
+    return replace(model, reward=reward if r is None else replace(reward, r=r))
+
+
+def mode_process_of(protocol: Protocol, words: str, start: str | None) -> ModeProcess:
+    """How the mode moves, from ``alternating`` or ``bernoulli:p``."""
+    from models.planning.mode_process import alternating, bernoulli
+
+    kind, _, number = words.partition(":")
+    if words == "alternating":
+        return alternating(protocol, start)
+    try:
+        if kind == "bernoulli":
+            return bernoulli(protocol, float(number), start)
+    except InputError:
+        raise
+    except ValueError:
+        pass
+    raise located("--mode-process", words, "alternating, or bernoulli:p with a probability p")
+
+
+# -- what is printed -------------------------------------------------------------------------------
+def _measures(value: Any) -> dict[str, float]:
+    return {
+        "value": value.value, "help_rate": value.help_rate, "costly_actions": value.costly_actions,
+        "cost": value.cost,
+    }  # fmt: skip
+
+
+def _rows(rows: dict[str, dict[str, float]]) -> str:
+    import pandas as pd
+
+    return str(pd.DataFrame.from_dict(rows, orient="index").to_string(float_format=lambda v: f"{v:.3f}"))
+
+
+def _costs(model: LatentStatePOMDP) -> dict[str, float]:
+    return {a: model.reward.costs.get(a, c) for a, c in model.protocol.costs.items()}
+
+
+def _unit(model: LatentStatePOMDP) -> str:
+    costs = ", ".join(f"{a} {c:g}" for a, c in _costs(model).items() if c)
+    return f"Values in reward units (r = {model.reward.r:g}; costs: {costs or 'none'})."
+
+
+def _write(policy: Any, out: str | None) -> None:
+    if out is not None:
+        from models.planning.policy_files import write_policy
+
+        try:
+            write_policy(policy, out)
+        except OSError as error:
+            raise InputError(f"--policy {out}: cannot be written: {error.strerror}") from None

@@ -1,0 +1,301 @@
+"""Policies as JSON files: written by one machine, run by another, without pickles.
+
+``{"schema": "prosocial-policy/1", "kind": ..., "name": ..., ...}``. Reading needs numpy and the protocol, nothing
+else of the workbench; everything is checked, and an error names the file and the entry.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.errors import InputError, Phrase, located
+from models.model_files import model_from_dict, read_json, write_text
+from models.planning.alpha_policy import AlphaPolicy
+from models.planning.baselines import ModePolicy, Reciprocal
+from models.planning.belief_model import ANY_MODE, TOLERANCE, BeliefModel, Outcome
+from models.planning.belief_policy import Myopic
+from models.planning.controller import FiniteStateController
+from models.planning.plan_policy import PlanPolicy
+from models.planning.policies import Array, Policy, Vocabulary
+from models.protocol import Protocol
+
+SCHEMA = "prosocial-policy/1"
+
+
+def write_policy(policy: Policy, path: str | Path) -> None:
+    """Write a policy file (beside, then renamed: never half written)."""
+    write_text(path, json.dumps(policy_to_dict(policy), allow_nan=False) + "\n")
+
+
+def read_policy(path: str | Path) -> Policy:
+    """Read a policy file.
+
+    Raises
+    ------
+    InputError
+        Names the file, the entry, what was found and what was wanted.
+    """
+    return policy_from_dict(read_json(path), str(path))
+
+
+def policy_to_dict(policy: Policy) -> dict[str, Any]:
+    """Content of a policy file."""
+    return {"schema": SCHEMA, **policy.to_dict()}
+
+
+def policy_from_dict(content: Any, place: str = "policy") -> Policy:
+    """Build a policy from the content of a policy file."""
+    if not isinstance(content, Mapping):
+        raise located(place, Phrase(type(content).__name__), "a JSON object")
+    if content.get("schema") != SCHEMA:
+        raise located(f"{place}, key schema", content.get("schema"), repr(SCHEMA))
+    kind = content.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise located(f"{place}, key kind", kind, f"one of {', '.join(KINDS)}")
+    name = _entry(place, content, "name", str)
+    try:
+        return KINDS[kind](place, content, name)
+    except InputError as error:
+        text = str(error)
+        raise error if text.startswith(place) else InputError(f"{place}: {text}") from None
+
+
+# -- kinds -----------------------------------------------------------------------------------------
+def _alpha(place: str, content: Mapping[str, Any], name: str) -> AlphaPolicy:
+    model = _belief_model(f"{place}, model", _entry(place, content, "model", Mapping))
+    own = content.get("tracker")
+    tracker = (
+        None if own is None else _belief_model(f"{place}, tracker", _entry(place, content, "tracker", Mapping))
+    )
+    follow = content.get("follow")
+    outcomes = [
+        [_whole(f"{place}, outcomes", keys, 2).reshape(-1, 2).tolist() for keys in offered]
+        for offered in _nested(f"{place}, outcomes", content.get("outcomes"), model.vocabulary)
+    ]
+    for x, offered in enumerate(outcomes):
+        for c, keys in enumerate(offered):
+            for after, seen in keys:
+                _check_outcome(f"{place}, outcomes, mode {x}, choice {c}", model.vocabulary, after, seen)
+    return AlphaPolicy(
+        model, _real(f"{place}, alpha", content.get("alpha"), 2), _whole(f"{place}, mode", content.get("mode"), 1),
+        _whole(f"{place}, choice", content.get("choice"), 1),
+        None if follow is None else _whole(f"{place}, follow", follow, 2), name, tracker=tracker,
+        outcomes=[[[(k[0], k[1]) for k in keys] for keys in offered] for offered in outcomes],
+    )  # fmt: skip
+
+
+def _controller(place: str, content: Mapping[str, Any], name: str) -> FiniteStateController:
+    return FiniteStateController(
+        _vocabulary(place, content), _whole(f"{place}, mode", content.get("mode"), 1),
+        _whole(f"{place}, choice", content.get("choice"), 1), _whole(f"{place}, follow", content.get("follow"), 3),
+        _whole(f"{place}, start", content.get("start"), 1), content.get("impossible", "error"), name,
+    )  # fmt: skip
+
+
+def _myopic(place: str, content: Mapping[str, Any], name: str) -> Myopic:
+    model = _belief_model(f"{place}, model", _entry(place, content, "model", Mapping))
+    prosocial = _real(f"{place}, prosocial", content.get("prosocial"), 1)
+    for states in model.states:
+        if len(states) != len(prosocial):
+            raise located(f"{place}, prosocial, length", len(prosocial), f"{len(states)}, one a state")
+    return Myopic(model, prosocial, name)
+
+
+def _by_mode(place: str, content: Mapping[str, Any], name: str) -> ModePolicy:
+    shares = _entry(place, content, "shares", list)
+    return ModePolicy(
+        _vocabulary(place, content), [_real(f"{place}, shares, mode {x}", s, 1) for x, s in enumerate(shares)], name
+    )
+
+
+def _reciprocal(place: str, content: Mapping[str, Any], name: str) -> Reciprocal:
+    protocol = Protocol.from_dict(_entry(place, content, "protocol", Mapping), f"{place}, protocol")
+    return Reciprocal(protocol, literal=_entry(place, content, "literal", bool), name=name)
+
+
+def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
+    words = _vocabulary(place, content)
+    modes = tuple(_whole(f"{place}, modes", content.get("modes"), 1).tolist())
+    for k, m in enumerate(modes):
+        if not 0 <= m < len(words.modes):
+            raise located(f"{place}, modes, event {k}", m, f"0 to {len(words.modes) - 1}")
+    outcomes = tuple(_whole(f"{place}, outcomes", content.get("outcomes"), 1).tolist())
+    shown = len(words.observations) - 1
+    if any(o not in (1, shown) for o in outcomes):
+        raise located(f"{place}, outcomes", list(outcomes), f"1 or {shown} an event")
+    decisions = _entry(place, content, "decisions", list)
+    if not modes or not len(modes) == len(outcomes) == len(decisions):
+        found = Phrase(f"{len(modes)} modes, {len(outcomes)} outcomes, {len(decisions)} decisions")
+        raise located(place, found, "one of each an event, at least one")
+    levels = []
+    for k, level in enumerate(decisions):
+        chosen = _whole(f"{place}, decisions, event {k}", level, 1)
+        if np.any((chosen < 0) | (chosen > 127)):
+            raise located(f"{place}, decisions, event {k}", chosen.tolist(), "numbers of actions")
+        levels.append(chosen.astype(np.int8))
+    schedule = None
+    if content.get("schedule") is not None:
+        from models.planning.schedule import Schedule
+
+        own = _entry(place, content, "schedule", Mapping)
+        model = model_from_dict(own.get("model", {}), f"{place}, schedule, model")
+        terminal = own.get("terminal")
+        schedule = Schedule.of(
+            model, [words.modes[m] for m in modes], float(_real(f"{place}, discount", own.get("discount"), 0)),
+            terminal=None if terminal is None else _real(f"{place}, terminal", terminal, 1),
+        )  # fmt: skip
+        if Vocabulary.of(schedule.protocol) != words:
+            raise located(f"{place}, schedule, protocol", schedule.protocol.name, "the plan's modes and actions")
+    return PlanPolicy(words, modes, tuple(levels), outcomes, schedule, name)
+
+
+KINDS: dict[str, Callable[[str, Mapping[str, Any], str], Policy]] = {
+    "alpha": _alpha, "by_mode": _by_mode, "controller": _controller, "myopic": _myopic, "plan": _plan,
+    "reciprocal": _reciprocal,
+}  # fmt: skip
+"""How each kind of policy is read; a new kind is a `to_dict` and a line here."""
+
+
+# -- parts -----------------------------------------------------------------------------------------
+def _belief_model(place: str, content: Mapping[str, Any]) -> BeliefModel:
+    words = _vocabulary(place, content)
+    states = tuple(
+        _names(f"{place}, states, mode {x}", s) for x, s in enumerate(_entry(place, content, "states", list))
+    )
+    initial = [
+        _real(f"{place}, initial, mode {x}", b, 1) for x, b in enumerate(_entry(place, content, "initial", list))
+    ]
+    rewards = [
+        _real(f"{place}, rewards, mode {x}", r, 2) for x, r in enumerate(_entry(place, content, "rewards", list))
+    ]
+    if not len(states) == len(initial) == len(rewards) == len(words.modes):
+        found = Phrase(f"{len(states)} states, {len(initial)} initial, {len(rewards)} rewards")
+        raise located(place, found, f"{len(words.modes)} of each, one a mode")
+    outcomes = []
+    for x, offered in enumerate(_nested(f"{place}, outcomes", content.get("outcomes"), words)):
+        where = f"{place}, mode {words.modes[x]}"
+        n = len(states[x])
+        if rewards[x].shape != (len(words.actions[x]), n) or initial[x].shape != (n,):
+            found = Phrase(f"rewards {rewards[x].shape}, initial {initial[x].shape}")
+            raise located(where, found, f"shapes ({len(words.actions[x])}, {n}) and ({n},)")
+        if np.any(initial[x] < 0) or abs(initial[x].sum() - 1) > TOLERANCE:
+            raise located(
+                f"{where}, initial belief, sum", f"{initial[x].sum():.10g}", "probabilities that sum to one"
+            )
+        own = []
+        for c, items in enumerate(offered):
+            at = f"{where}, action {words.actions[x][c]}"
+            read = tuple(_outcome(f"{at}, outcome {i}", z, words, states, n) for i, z in enumerate(items))
+            total = sum((np.bincount(z.row, z.value, minlength=n) for z in read), np.zeros(n))
+            if np.any(np.abs(total - 1) > TOLERANCE):
+                y = int(np.argmax(np.abs(total - 1)))
+                raise located(f"{at}, state {states[x][y]}, sum", f"{total[y]:.10g}", "1 within 1e-9")
+            own.append(read)
+        outcomes.append(tuple(own))
+    starts = _whole(f"{place}, starts", content.get("starts"), 1).tolist()
+    if any(not 0 <= x < len(words.modes) for x in starts):
+        raise located(f"{place}, starts", starts, f"modes from 0 to {len(words.modes) - 1}")
+    discount = float(_real(f"{place}, discount", content.get("discount"), 0))
+    if not 0 <= discount <= 1:
+        raise located(f"{place}, discount", discount, "a number from 0 to 1")
+    return BeliefModel(
+        words, states, tuple(outcomes), tuple(rewards), tuple(initial), tuple(starts), discount,
+        content.get("impossible", "error"),
+    )  # fmt: skip
+
+
+def _outcome(place: str, content: Any, words: Vocabulary, states: tuple[tuple[str, ...], ...], n: int) -> Outcome:
+    if not isinstance(content, Mapping):
+        raise located(place, Phrase(type(content).__name__), "an object")
+    mode, seen = (int(_whole(f"{place}, {key}", content.get(key), 0)) for key in ("mode", "observation"))
+    if mode != ANY_MODE:
+        _check_outcome(place, words, mode, seen)
+    else:
+        _check_outcome(place, words, 0, seen)
+        if any(len(s) != n for s in states):
+            raise located(f"{place}, mode", mode, "a mode: hidden states differ between modes")
+    row, column = (_whole(f"{place}, {key}", content.get(key), 1) for key in ("row", "column"))
+    value = _real(f"{place}, value", content.get("value"), 1)
+    if not len(row) == len(column) == len(value):
+        found = Phrase(f"{len(row)} rows, {len(column)} columns, {len(value)} values")
+        raise located(place, found, "as many of each")
+    for key, index, size in (("row", row, n), ("column", column, n if mode == ANY_MODE else len(states[mode]))):
+        if np.any((index < 0) | (index >= size)):
+            raise located(f"{place}, {key}", int(index[(index < 0) | (index >= size)][0]), f"0 to {size - 1}")
+    if np.any(value < 0):
+        raise located(f"{place}, value", float(value[value < 0][0]), "probabilities")
+    return Outcome(mode, seen, row, column, value)
+
+
+def _check_outcome(place: str, words: Vocabulary, mode: int, seen: int) -> None:
+    for what, index, size in (("mode", mode, len(words.modes)), ("observation", seen, len(words.observations))):
+        if not 0 <= index < size:
+            raise located(f"{place}, {what}", index, f"0 to {size - 1}")
+
+
+def _vocabulary(place: str, content: Mapping[str, Any]) -> Vocabulary:
+    inner = content.get("vocabulary", content)
+    if not isinstance(inner, Mapping):
+        raise located(f"{place}, vocabulary", inner, "an object with modes, actions and observations")
+    modes = _names(f"{place}, modes", inner.get("modes"))
+    actions = _entry(place, inner, "actions", list)
+    if len(actions) != len(modes):
+        raise located(f"{place}, actions", len(actions), f"{len(modes)} lists, one a mode")
+    names = tuple(_names(f"{place}, actions of {m}", a) for m, a in zip(modes, actions, strict=True))
+    return Vocabulary(modes, names, _names(f"{place}, observations", inner.get("observations")))
+
+
+def _names(place: str, value: Any) -> tuple[str, ...]:
+    good = isinstance(value, list) and value and all(isinstance(v, str) for v in value)
+    if not good or len(set(value)) != len(value):
+        raise located(place, value, "a list of different names")
+    return tuple(value)
+
+
+def _nested(place: str, value: Any, words: Vocabulary) -> list[list[Any]]:
+    """A list for each choice of each mode."""
+    sizes = [len(a) for a in words.actions]
+    good = isinstance(value, list) and all(
+        isinstance(v, list) and all(isinstance(c, list) for c in v) for v in value
+    )
+    if not good or [len(v) for v in value] != sizes:
+        raise located(place, Phrase("something else"), f"lists for {sizes} choices by mode")
+    return list(value)
+
+
+def _entry(place: str, content: Mapping[str, Any], key: str, kind: type) -> Any:
+    names = {str: "text", bool: "true or false", list: "a list", Mapping: "an object"}
+    if not isinstance(content.get(key), kind):
+        raise located(f"{place}, key {key}", content.get(key), names[kind])
+    return content[key]
+
+
+def _real(place: str, value: Any, ndim: int) -> Array:
+    return _numbers(place, value, ndim, "numbers")
+
+
+def _whole(place: str, value: Any, ndim: int) -> Any:
+    array = _numbers(place, value, ndim, "whole numbers")
+    if np.any(array != np.floor(array)):
+        raise located(place, float(array[array != np.floor(array)].flat[0]), "whole numbers")
+    return array.astype(np.int64)
+
+
+def _numbers(place: str, value: Any, ndim: int, kind: str) -> Array:
+    wanted = {0: "a number", 1: f"a list of {kind}"}.get(ndim, f"{kind}, {ndim} levels of lists of equal length")
+    if value is None or isinstance(value, bool | str):
+        raise located(place, value, wanted)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise located(place, value, wanted) from None
+    if array.size == 0 and array.ndim <= ndim:
+        array = array.reshape((0,) * ndim)
+    if array.ndim != ndim or not np.isfinite(array).all() or np.any(np.abs(array) > 2**53):
+        raise located(place, value, wanted)
+    return array

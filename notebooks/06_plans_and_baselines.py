@@ -1,0 +1,151 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Plans and baselines
+#
+# **The question.** If we knew how people change, what should the robot do, how much better is that than a simple rule,
+# and how sure is the answer?
+#
+# **The data.** A *simulated truth*: tables chosen by this project so that the published design drawn from them lands
+# near the published statistics. At the end, tables learned from the *simulated* study.
+#
+# **The model.** In round $k$ everybody knows who needs help, $M_k$. The robot believes $b(s)$ about the person, acts,
+# perhaps sees a response, and
+#
+# $$b'(s') \propto \sum_s b(s)\, O(o \mid s, a)\, T(s' \mid s, a), \qquad
+# R(s, a) = -C_a + e^{r x_s} - e^{r x_0}.$$
+#
+# The response shows the state the round *started* from. Values are in reward units; one act of helping costs 15.
+
+# %% tags=["parameters"]
+FAST = False
+SEED = 1
+
+# %%
+from dataclasses import replace
+
+from analysis.datasets import load
+from analysis.figures.curves import curves
+from analysis.figures.notebook import show
+from analysis.figures.planning import gap_over_time, reward_curves, value_slices
+from analysis.policy_study import policy_study, state_paths
+from analysis.simulate import calibrated_truth
+from models.baum_welch import BaumWelch
+from models.planning.controller import controller_of
+from models.planning.finite_memory import infinite_value
+from models.planning.latent import latent_problem
+from models.planning.problems import problem as standard
+from models.planning.solver import solve
+from models.reward import PUBLISHED_X
+
+# %%
+truth = calibrated_truth()
+show(
+    reward_curves(PUBLISHED_X, (0.001, 0.04, 0.06, 0.08, 0.09), truth.state_names, marked=0.06), "definition",
+    "What a person in each state is worth a round, by the steepness $r$ (the paper's figure). The axis is linear "
+    "below 1 and logarithmic above.",
+)  # fmt: skip
+
+# %% [markdown]
+# ## The study as it is run: nine rounds, HRHRHRHRH
+#
+# The schedule is known, so the best plan can be found exactly: over all histories of actions and responses, without a
+# grid and without a tolerance. `H` means that the *human* may help.
+
+# %%
+study = policy_study(truth)
+print(study.sentence)
+study.table.round(3)
+
+# %% [markdown]
+# Always helping keeps people most prosocial and is the *worst* rule: nine costly actions eat what they bring. Never
+# helping costs nothing and lets people slide. The myopic rule is the second of these in disguise: one round ahead an act
+# of help never pays for itself.
+
+# %%
+show(
+    curves(state_paths(study), xlabel="event", ylabel="expected state, 0 to 3"), "truth", "Where each policy takes people, on average, before each event.",
+)  # fmt: skip
+
+# %% [markdown]
+# A plan says what to do after every history of responses. Here it turns out not to need them: with these tables and
+# costs the same actions are best whatever people do. The first rows:
+
+# %%
+study.plan.table.head(8)
+
+# %% [markdown]
+# ## The repeated interaction, without an end
+#
+# With a discount below one the plan goes on for ever, and no tree is deep enough. The solver brings a lower bound (a
+# policy that is worth that much) and an upper bound (no policy is worth more) together.
+
+# %%
+costs = {"help": 40.0, "signal": 3.0}
+problem = latent_problem(truth)
+contested = latent_problem(replace(truth, reward=replace(truth.reward, costs=costs)))
+solutions = {"published costs": solve(problem, 1e-4), "help 40, signal 3": solve(contested, 1e-4)}
+for name, solution in solutions.items():
+    print(f"{name}: {solution.sentence}")
+
+# %%
+show(
+    value_slices(solutions["help 40, signal 3"]), "truth",
+    "Where help costs 40 and a signal 3 the decision depends on the belief: value, and which action the policy's best "
+    "vector takes, on a walk through the beliefs. At the published costs helping always and signalling never is best "
+    "everywhere, under this truth.",
+)  # fmt: skip
+
+# %%
+policy = solutions["help 40, signal 3"].policy
+print(policy.why(truth.initial, 0).sentence)
+
+# %% [markdown]
+# A policy compiled to a controller needs no belief at run time, and its value is a linear system, no simulation:
+
+# %%
+for name, solution in solutions.items():
+    controller = controller_of(solution.policy).reachable()
+    value = infinite_value(controller, solution.problem).value
+    print(
+        f"{name}: {controller.n_nodes} nodes, worth {value:.4f}; bounds {solution.lower:.4f} to {solution.upper:.4f}"
+    )
+
+# %% [markdown]
+# ## How hard is it to be sure?
+#
+# The same solver on two problems of the literature.
+
+# %%
+known = {name: solve(standard(name), 1e-3, time_limit=20) for name in ("tiger", "rock_sample_4_4")}
+show(
+    gap_over_time(known), "definition",
+    "Both bounds over time. Tiger: the published value is 19.3714.",
+)  # fmt: skip
+
+# %% [markdown]
+# ## With tables learned from data
+#
+# The robot never knows the truth. Its tables come from 540 people; its plan is as good as they are.
+
+# %%
+log = load("simulated_study1").log
+fit = BaumWelch(truth.n_states, restarts=30 if FAST else 200, seed=SEED).fit(log)
+learned = policy_study(truth, learned=fit.model)
+print(learned.sentence)
+learned.table.round(3)
+
+# %% [markdown]
+# The learned tables plan well although they are wrong: what counts is which action is best, not by how much.
+#
+# **What not to conclude.** That help pays off little or much *for people*: the truth above is made up. That the learned
+# plan is nearly best because its *estimated* value is high: the column `lost` is known only because the truth is. How
+# much is lost when it is not known is the question of the next notebook.

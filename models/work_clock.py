@@ -11,7 +11,6 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from threading import Lock, local
 from typing import Any
 
@@ -43,7 +42,9 @@ class _Preparation(event.Listener):
                 self._threads += 1
 
     def end(self) -> None:
-        self._own.depth = max(0, getattr(self._own, "depth", 0) - 1)
+        if getattr(self._own, "depth", 0) == 0:
+            return  # it began before anybody listened
+        self._own.depth -= 1
         if self._own.depth == 0:
             self._close()
 
@@ -61,11 +62,8 @@ class _Preparation(event.Listener):
                 self.wall += time.perf_counter() - self._since
 
 
-@cache
-def _preparation() -> _Preparation:
-    listener = _Preparation()
-    event.register("numba:compiler_lock", listener)
-    return listener
+_PREPARATION = _Preparation()
+event.register("numba:compiler_lock", _PREPARATION)
 
 
 class WorkClock:
@@ -81,7 +79,7 @@ class WorkClock:
     """
 
     def __init__(self) -> None:
-        self._of = _preparation()
+        self._of = _PREPARATION
         self._of.forget()
         self._start = (time.perf_counter(), _cpu(), self._of.wall, self._of.cpu)
 

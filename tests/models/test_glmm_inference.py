@@ -294,3 +294,20 @@ def test_influence_knows_patterns_and_the_boundary():
     assert (table["d sd(person)"] == 0).all()
     assert table["cook"].notna().all()
     assert len(table) == 40
+
+
+@pytest.mark.filterwarnings("ignore::models.glmm_warnings.MixedModelWarning")
+@pytest.mark.parametrize("rule", [25, "laplace"])
+@pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e6, 0.0), (1e-6, 0.0), (1.0, 1e3)])
+def test_errors_do_not_depend_on_the_unit_of_a_covariate(rule, scale, shift):
+    rng = np.random.default_rng(11)
+    group = np.repeat(np.arange(120), 4)
+    x = rng.lognormal(size=len(group))
+    u = rng.normal(size=120)[group]
+    y = (rng.random(len(group)) < 1 / (1 + np.exp(-(-0.5 + 0.4 * x + u)))).astype(float)
+
+    def z(values):
+        frame = pd.DataFrame({"y": y, "x": values, "g": group})
+        return LogisticMixedModel.from_formula("y ~ x + (1|g)", frame, quadrature=rule).fit().tvalues["x"]
+
+    assert z(scale * x + shift) == pytest.approx(z(x), rel=1e-5)

@@ -6,6 +6,7 @@ import time
 import numba
 import pytest
 
+from models import work_clock
 from models.work_clock import WorkClock
 
 
@@ -66,3 +67,20 @@ def test_an_interrupted_block_is_closed():
     again = WorkClock()
     busy(0.05)
     assert again.compile_seconds == 0
+
+
+def test_an_end_without_a_beginning_counts_nothing():
+    """A thread may hold the compiler's lock already when the first clock is made."""
+    clock = WorkClock()
+    found = []
+
+    def other():
+        work_clock._PREPARATION.end()
+        with clock.preparing():
+            found.append(work_clock._PREPARATION._threads)
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    thread.join()
+    assert found == [1]
+    assert work_clock._PREPARATION._threads == 0

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 def bayes_command(
+    context: typer.Context,
     data: DataArgument,
     condition: ConditionOption = None,
     states: Annotated[int, typer.Option(min=1, max=12, help="Number of states.")] = 4,
@@ -63,12 +64,18 @@ def bayes_command(
     A fit that was made before with the same data and settings is found in the store; a run that was interrupted
     goes on with the chains it had completed.
 
+    A sample that misses the convergence gate is told on standard error, in the JSON ("gate") and in the output; the
+    exit status is 0 all the same, for the command did what it was asked.
+
     Example: prosocial bayes simulated_study1 --states 3 --out reports/build/study1_3.nc
 
     People who differ: prosocial bayes simulated_study1 --states 2 --people-differ --draws 3000
     """
     import sys
 
+    from analysis.warning_lines import warnings_told
+
+    context.with_resource(warnings_told(quiet))  # loading kernels may warn already
     from analysis import datasets, progress
     from analysis.fits import stored_fit
     from analysis.grouping import groups_from

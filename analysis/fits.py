@@ -7,36 +7,32 @@ A fit lies under the hash of model, prior, data digest, seed, sampler and versio
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analysis.kept_chains import KeptChains, NotKeptWarning
 from models.bayesian_fit import EDITED, Engine, fit
-from models.chains import Chain, NutsSettings, Progress
+from models.chains import NutsSettings, Progress
 from models.compiled import kernel_digest
-from models.errors import Phrase, located
+from models.errors import InputError, Phrase, located
 from models.events import EventLog
 from models.groups import Groups
-from models.model_files import write_bytes, write_text
 from models.parameters import STICKY, Array, DirichletPrior, Layout, checked_pins
 from models.person_offset import PersonOffset
 from models.posterior import Posterior
 from models.posterior_files import SCHEMA, read_posterior, versions, write_posterior
-from models.study_density import ModelSpec
+from models.study_density import ModelSpec, StudyDensity
 
-ABOUT = "about.json"
-"""In the folder of an interrupted run: study, settings and maker, for whoever lists and clears the store."""
-
+if TYPE_CHECKING:
+    import pymc as pm
 
 ENGINE = "models.bayesian_fit"
 """A fit depends on the kernels that this module reaches."""
@@ -100,33 +96,114 @@ def stored_fit(
         Digest of that part (`analysis.datasets.log_digest`).
     states, prior, pins, groups, people, engine, sampler, progress
         As in `models.bayesian_fit.fit`.
+
+    Warns
+    -----
+    NotKeptWarning
+        If a fit in the store is damaged (it is sampled anew) or the store cannot be written (the fit is returned
+        all the same), by the name of the file.
     """
     sampler = sampler or NutsSettings()
     spec = ModelSpec(states, prior, dict(pins or {}), groups, people)
     spec = replace(spec, pins=checked_pins(Layout(log.protocol, spec.states), spec.pins))
     settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
     key = fit_key(data_digest, settings)
+    study = StudyDensity(log, spec)
+
+    def columns() -> int:
+        return study.density.dimension if engine == "direct" else study.layout.size + study.density.people_differ
+
+    def sample(kept: KeptChains) -> Posterior:
+        return fit(
+            log, spec.states, prior=prior, pins=spec.pins, groups=groups, people=people, engine=engine,
+            sampler=sampler, done=kept.found(), finished=kept.keep, progress=progress,
+        )  # fmt: skip
+
+    return _found_or_made(key, log, data_digest, settings, groups, columns, sample)
+
+
+def stored_fit_model(
+    model: pm.Model,
+    log: EventLog,
+    data_digest: str,
+    states: int,
+    *,
+    groups: Groups | None = None,
+    people: PersonOffset | None = None,
+    sampler: NutsSettings | None = None,
+    progress: Progress | None = None,
+) -> StoredFit:
+    """Find a fit of an edited model in the store, or sample and keep it; an interrupted run goes on.
+
+    Its key is a digest of the model itself (`models.model_digest`): one that is built again the same way is found,
+    any edit makes it another.
+
+    Parameters
+    ----------
+    model, log, states, groups, people, sampler, progress
+        As in `models.edited_model.fit_model`.
+    data_digest : str
+        As in `stored_fit`.
+
+    Raises
+    ------
+    InputError
+        As `fit_model` does.
+    """
+    from models.added_variables import EditedTarget
+    from models.edited_model import fit_model
+    from models.edited_prior import check_tables
+    from models.model_digest import model_digest
+
+    sampler = sampler or NutsSettings()
+    study = StudyDensity(log, ModelSpec(states, groups=groups, people=people))
+    check_tables(model, study)
+    prior = {"class": EDITED, "digest": model_digest(model)}
+    settings = {**study.spec.to_dict(), "prior": prior, "engine": "pymc", "sampler": vars(sampler)}
+
+    def sample(kept: KeptChains) -> Posterior:
+        return fit_model(
+            model, log, states, groups=groups, people=people, sampler=sampler, done=kept.found(),
+            finished=kept.keep, progress=progress,
+        )  # fmt: skip
+
+    key = fit_key(data_digest, settings)
+    return _found_or_made(key, log, data_digest, settings, groups, lambda: EditedTarget(study, model).width, sample)
+
+
+def _found_or_made(
+    key: str, log: EventLog, data_digest: str, settings: Mapping[str, Any], groups: Groups | None,
+    columns: Callable[[], int], sample: Callable[[KeptChains], Posterior],
+) -> StoredFit:  # fmt: skip
     path = store_folder() / f"{key}.nc"
     if path.is_file():
-        if groups is not None:
-            groups.warn_of_thin_ones(log)
-        return StoredFit(read_posterior(path), path, key, True)
+        try:
+            found = read_posterior(path)
+        except InputError as error:
+            warnings.warn(f"{error}; sampled anew in its place", NotKeptWarning, stacklevel=3)
+        else:
+            if groups is not None:
+                groups.warn_of_thin_ones(log)
+            return StoredFit(found, path, key, True)
     about = {"study": log.study, **settings, "made_by": maker()}
-    done, keep, forget = _chains(store_folder() / f"{key}.chains", about)
-    posterior = fit(
-        log, spec.states, prior=prior, pins=spec.pins, groups=groups, people=people, engine=engine, sampler=sampler,
-        done=done, finished=keep, progress=progress,
-    )  # fmt: skip
-    _write(posterior, path, log, data_digest)
-    forget()
+    kept = KeptChains(store_folder() / f"{key}.chains", about, columns)
+    posterior = sample(kept)
+    try:
+        _write(posterior, path, log, data_digest)
+    except InputError as error:
+        # Sampling may have taken an hour: its result is not to be lost with the store.
+        warnings.warn(f"{error}; the result is not in the store", NotKeptWarning, stacklevel=3)
+    else:
+        kept.forget()
     return StoredFit(posterior, path, key, False)
 
 
 def keep_edited(posterior: Posterior, log: EventLog, data_digest: str) -> StoredFit:
     """Keep a fit of an edited model (`models.edited_model.fit_model`) in the store.
 
-    Nothing says whether another edit is the same, so it is never found again by itself: read it by its path. It is
-    kept until it is cleared away by age, or with everything.
+    For a fit of somebody's own trace, which nobody can sample again: read it by its path. What `fit_model` is to
+    sample, `stored_fit_model` keeps and finds again. It is kept until it is cleared away by age, or with
+    everything.
 
     Raises
     ------
@@ -148,44 +225,3 @@ def _write(posterior: Posterior, path: Path, log: EventLog, data_digest: str) ->
         path,
         {"data_digest": data_digest, "study": log.study, "key": path.stem, "kernels": kernel_digest(ENGINE)},
     )
-
-
-def _chains(
-    folder: Path, about: Mapping[str, Any]
-) -> tuple[dict[int, Chain], Callable[[int, Chain], None], Callable[[], None]]:
-    """Chains of an interrupted run, how to keep another one (saying what about), and how to clear them away."""
-    warned = False
-
-    def keep(number: int, chain: Chain) -> None:
-        nonlocal warned
-        content = io.BytesIO()
-        arrays = {"x": chain.x, "cpu_seconds": np.float64(chain.cpu_seconds), **chain.stats}
-        np.savez(content, **arrays)  # type: ignore[arg-type]
-        try:
-            if not (folder / ABOUT).is_file():
-                write_text(folder / ABOUT, json.dumps(about))
-            write_bytes(folder / f"{number}.npz", content.getbuffer())
-        except OSError as error:
-            # The chain is still in memory: a full disk must not end the run that could do without it.
-            if not warned:
-                warned = True
-                reason = f"{folder}: {error.strerror or error}; an interruption would lose it"
-                warnings.warn(f"chain {number} could not be kept: {reason}", stacklevel=2)
-
-    def forget() -> None:
-        # Another run of the same fit may be clearing the same folder, or writing into it.
-        with suppress(OSError):
-            for path in folder.iterdir():
-                path.unlink(missing_ok=True)
-            folder.rmdir()
-
-    done = {}
-    if folder.is_dir():
-        for path in sorted(folder.glob("*.npz")):
-            try:
-                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
-                    stats = {k: content[k] for k in content.files if k not in ("x", "cpu_seconds")}
-                    done[int(path.stem)] = Chain(content["x"], stats, float(content["cpu_seconds"]))
-            except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-                path.unlink(missing_ok=True)  # damaged: this chain is sampled again
-    return done, keep, forget

@@ -18,6 +18,7 @@ from typing import Any
 import h5py
 
 from analysis import fits
+from analysis.kept_chains import ABOUT, discard, read_chain
 from models.bayesian_fit import EDITED
 from models.gate import Gate
 
@@ -25,10 +26,10 @@ DAY = 86_400.0
 
 STATUS = {
     "ready": "found again by the same command",
-    "kept": "made from an edited model: never found by itself, to be read by its path",
+    "kept": "made from an edited model: found again with the same model, or read by its path",
     "outdated": "made by other code or versions: never found again",
     "interrupted": "chains of a run that was interrupted: the same command goes on with them",
-    "damaged": "cannot be read",
+    "damaged": "cannot be read, or made by no run of its settings",
     "left over": "half written by a process that was killed, or chains of a fit that was completed",
 }
 """What an entry's status means."""
@@ -127,11 +128,15 @@ def _chains_entry(folder: Path, changed: float) -> StoreEntry | None:
     """Chains of a run that was interrupted: whether any run would go on with them."""
     parts = [p.stat() for p in folder.iterdir()]
     latest = max((p.st_mtime for p in parts), default=changed)
-    about: dict[str, Any] = {"chains_done": len(list(folder.glob("*.npz")))}
+    chains = sorted(folder.glob("*.npz"))
+    about: dict[str, Any] = {"chains_done": len(chains)}
     try:
-        settings = json.loads((folder / fits.ABOUT).read_text(encoding="utf-8"))
-        about = _described(settings) | about
+        settings = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+        usable = [path for path in chains if not isinstance(read_chain(path, settings), str)]
+        about = _described(settings) | {"chains_done": len(usable)}
         status = "interrupted" if settings.get("made_by") == fits.maker() else "outdated"
+        if (not usable and time.time() - latest >= LEFT_OVER_AFTER) or (chains and not usable):
+            status = "damaged"
     except FileNotFoundError:
         if time.time() - latest < LEFT_OVER_AFTER:
             return None  # a run that is just beginning to keep its chains
@@ -145,7 +150,8 @@ def _chains_entry(folder: Path, changed: float) -> StoreEntry | None:
 
 KINDS: dict[str, Any] = {
     "study": str | None, "engine": str, "kappa": int | float | None, "pins": list, "groups": str | None,
-    "hierarchical": bool, **dict.fromkeys(("states", "draws", "tune", "chains", "seed"), int),
+    "differ": list | None, "hierarchical": bool,
+    **dict.fromkeys(("states", "draws", "tune", "chains", "seed"), int),
 }  # fmt: skip
 
 
@@ -155,7 +161,8 @@ def _described(settings: dict[str, Any]) -> dict[str, Any]:
     known = {
         "study": settings.get("study"), "states": settings.get("states"), "kappa": prior.get("stay"),
         "engine": settings.get("engine"), "pins": sorted(settings.get("pins") or {}),
-        "groups": (settings.get("groups") or {}).get("by"), "hierarchical": bool(settings.get("people")),
+        "groups": (settings.get("groups") or {}).get("by"),
+        "differ": (settings.get("groups") or {}).get("differ"), "hierarchical": bool(settings.get("people")),
         **{name: sampler.get(name) for name in ("draws", "tune", "chains", "seed")},
     }  # fmt: skip
     for name, value in known.items():
@@ -189,7 +196,7 @@ def remove(entry: StoreEntry) -> None:
     with suppress(FileNotFoundError):
         if entry.path.is_dir():
             for path in entry.path.iterdir():
-                path.unlink(missing_ok=True)
+                discard(path)
             entry.path.rmdir()
         else:
             entry.path.unlink()

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from models.errors import InputError, located
 from models.event_rules import one_of
 from models.events import EventLog
-from models.groups import Groups
+from models.groups import MANY_GROUPS, Groups
 
 BY_CONDITION = "condition"
+
+MOST_GROUPS = 100
+"""Groups by a covariate above which it is refused, whatever the number of people."""
+
+PEOPLE_A_GROUP = 10
+"""People there must be for each group by a covariate, on average, where there are more than a few groups."""
 
 
 def groups_from(text: str, differ: str, log: EventLog) -> Groups:
@@ -29,7 +36,8 @@ def groups_from(text: str, differ: str, log: EventLog) -> Groups:
     Raises
     ------
     InputError
-        On a file that cannot be read, a column that is not there, people without a value or with two.
+        On a file that cannot be read, a column that is not there or is no category, people without a value or with
+        two.
     """
     tables = tuple(part.strip() for part in differ.split(",") if part.strip())
     if text == BY_CONDITION:
@@ -46,6 +54,7 @@ def from_file(path: Path, column: str, differ: Sequence[str], log: EventLog) -> 
     Raises
     ------
     InputError
+        Also if the column has so many values that it is a number rather than a category.
     """
     if not path.is_file():
         raise InputError(f"--group: {path}: no such file")
@@ -71,4 +80,12 @@ def from_file(path: Path, column: str, differ: Sequence[str], log: EventLog) -> 
                 f"{path}, line {row}, {column} of participant {participant}", what,
                 f"{value[participant]!r}, as in an earlier line",
             )  # fmt: skip
-    return Groups.by_person(log, value, column, differ)
+    groups = Groups.by_person(log, value, column, differ)
+    people = len(np.unique(log.participant))
+    most = min(MOST_GROUPS, max(MANY_GROUPS, people // PEOPLE_A_GROUP))
+    if groups.n > most:
+        raise located(
+            f"{path}, {column}, different values", groups.n,
+            f"at most {most} for {people} people: every value is a group, so cut numbers into a few classes first",
+        )  # fmt: skip
+    return groups

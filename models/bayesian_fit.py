@@ -6,9 +6,11 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from models.chains import Chain, NutsSettings, Progress
@@ -129,7 +131,8 @@ def stacked(chains: Mapping[int, Chain]) -> dict[str, NDArray]:
 
 
 def examined(
-    study: StudyDensity, theta: Array, prior_theta: Array, stats: Mapping[str, NDArray], settings: Mapping[str, Any]
+    study: StudyDensity, theta: Array, prior_theta: Array, stats: Mapping[str, NDArray],
+    settings: Mapping[str, Any], added: xr.Dataset | None = None, gated: tuple[str, ...] = (),
 ) -> Posterior:  # fmt: skip
     """Put draws into canonical order and through the gate, and keep what is needed later.
 
@@ -141,9 +144,13 @@ def examined(
     prior_theta : float64[draw, p]
         Draws from the prior, which contraction is measured against.
     stats : mapping of str to arrays [chain, draw]
-        Of the sampler; ``diverging`` counts in the gate.
+        Of the sampler; ``diverging`` counts in the gate, which is shut without it.
     settings : mapping
         What determined the sample, with ``sampler`` (its seed is that of the predictive responses).
+    added : xarray.Dataset, optional
+        What else was drawn, states in canonical order: kept beside the tables.
+    gated : tuple of str
+        Names of added variables that the gate examines too.
 
     Raises
     ------
@@ -157,15 +164,33 @@ def examined(
     data = build_tree(study, posterior, prior, stats, by_person, settings["sampler"]["seed"])
     draws = data["posterior"].to_dataset()
     names, likelihoods = _likelihoods(study, by_person)
+    columns, named = [entries(draws, study.log.protocol)], entry_names(draws, study.log.protocol)
+    if added is not None:
+        data["posterior"] = xr.DataTree(draws.merge(added))
+        for name in gated:
+            columns.append(added[name].to_numpy().reshape(*theta.shape[:2], -1))
+            named += places(added[name])
+    diverging = stats.get("diverging")
     gate = convergence_gate(
-        np.concatenate([entries(draws, study.log.protocol), likelihoods], axis=-1),
-        [*entry_names(draws, study.log.protocol), *names],
-        int(np.sum(stats.get("diverging", 0))),
-    )
+        np.concatenate([*columns, likelihoods], axis=-1), [*named, *names],
+        None if diverging is None else int(np.sum(diverging)),
+    )  # fmt: skip
     if study.density.people_differ:
         some = theta[:, :: max(1, theta.shape[1] // 10)].reshape(-1, theta.shape[-1])
         settings = {**settings, "node_check": study.node_check(some)}
     return Posterior(data, study.log.protocol, gate, settings, study.log.emission_weights, 0.0, 0.0)
+
+
+def places(variable: xr.DataArray) -> list[str]:
+    """Names of the entries of a variable, dims chain and draw first: ``mean[s0]``, by its labels."""
+    dims = variable.dims[2:]
+    labels = [
+        [str(v) for v in variable[d].to_numpy()]
+        if d in variable.coords
+        else list(map(str, range(variable.sizes[d])))
+        for d in dims
+    ]
+    return [f"{variable.name}[{','.join(place)}]" if place else str(variable.name) for place in product(*labels)]
 
 
 def _likelihoods(study: StudyDensity, by_person: Array) -> tuple[list[str], NDArray[np.float64]]:

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from models.errors import located
+from models.errors import InputError, located
 from models.work_clock import WorkClock
 
 Progress = Callable[[str, int, int], None]
@@ -69,6 +69,30 @@ class Chain:
     cpu_seconds: float = 0.0
 
 
+def unusable(chain: Chain, draws: int, columns: int | None = None) -> str | None:
+    """What is wrong with a chain that was read back; None if a run of these settings may have made it.
+
+    Parameters
+    ----------
+    chain : Chain
+    draws, columns : int
+        Of the run; columns need not be known.
+    """
+    x, seconds = np.asarray(chain.x), np.asarray(chain.cpu_seconds)
+    if x.ndim != 2 or len(x) != draws or (columns is not None and x.shape[1] != columns):
+        return f"draws of shape {x.shape}, wanted {draws} x {'any' if columns is None else columns}"
+    if x.dtype != np.float64 or not np.isfinite(x).all():
+        return "draws that are not finite numbers"
+    if set(chain.stats) != set(STATS):
+        return f"statistics {', '.join(sorted(chain.stats)) or 'none'}, wanted {', '.join(sorted(STATS))}"
+    for name, values in chain.stats.items():
+        if values.shape != (draws,) or values.dtype.kind not in "biuf":
+            return f"statistic {name} of shape {values.shape}, wanted {draws} numbers"
+    if seconds.shape != () or not np.isfinite(seconds) or seconds < 0:
+        return "no CPU time"
+    return None
+
+
 class Target(Protocol):
     """What can be sampled."""
 
@@ -100,6 +124,11 @@ def sample_chain(
     """Run one chain; its stream depends on seed and chain number only, so chains can be run anywhere, any time.
 
     Setting `stop` from another thread ends it with `CancelledError`.
+
+    Raises
+    ------
+    InputError
+        If the density is finite nowhere the chain may start.
     """
     import nutpie
 
@@ -115,6 +144,13 @@ def sample_chain(
             try:
                 tree = sampler.wait(timeout=0.2)
                 break
+            except RuntimeError as error:
+                if "initialization points failed" not in str(error):
+                    raise
+                raise InputError(
+                    f"chain {chain} cannot start: the log density or its gradient is not finite at any starting "
+                    "point; a term of the model, such as a constraint, rules all of them out"
+                ) from None
             except TimeoutError:  # still sampling: a moment to notice that it was called off
                 if stop is not None and stop.is_set():
                     raise CancelledError from None

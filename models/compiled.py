@@ -4,6 +4,9 @@ numba's on-disk cache does not notice when a kernel *called by* a cached kernel 
 the old machine code. So the cache folder of a file carries a digest of every compiled source that the file
 reaches through imports: editing a kernel starts a fresh cache for it and for all that may call it, and leaves
 the others alone. The same digest says whether stored evidence was made by the present kernels.
+
+A cache saves time and is no reason to fail: where it cannot be written (disk full, no permission) kernels, and what
+PyTensor compiles with numba, run as they are, and one warning a process says so.
 """
 
 from __future__ import annotations
@@ -11,13 +14,17 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import tempfile
 import threading
+import warnings
 from collections.abc import Callable
-from functools import cache
+from contextlib import suppress
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.caching import Cache
 
 _HERE = Path(__file__).resolve().parent
 
@@ -30,6 +37,10 @@ SETTINGS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"
 # sources would cost each command more than the rest of its start.
 _IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+)?import[ \t]+(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 _KERNEL = re.compile(r"^from models\.compiled import [^\n]*\bkernel(_callback)?\b", re.MULTILINE)
+
+
+class UncachedWarning(UserWarning):
+    """Compiled code cannot be kept: every process compiles it anew."""
 
 
 @cache
@@ -104,26 +115,82 @@ def cache_folder(*modules: str) -> Path:
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`numba.njit` with the house's `SETTINGS`: cached, GIL released, numpy's error model."""
-    return _cached(numba.njit(**{**SETTINGS, **options}), function)
+    return _cached(lambda **kept: numba.njit(**{**SETTINGS, **options, **kept}), function)
 
 
 def kernel_callback(signature: Any) -> Any:
     """`numba.cfunc` with the house's cache: a C function pointer for libraries that call back."""
-    return _cached(numba.cfunc(signature, cache=True), None)
+    return _cached(lambda **kept: numba.cfunc(signature, **{"cache": True, **kept}), None)
 
 
-def _cached(compile_with: Callable[..., Any], function: Callable[..., Any] | None) -> Any:
+def _cached(decorator: Callable[..., Any], function: Callable[..., Any] | None) -> Any:
     def decorate(target: Callable[..., Any]) -> Any:
         # A kernel of a script or notebook has no file in the checkout: it may call any other.
         known = (target.__module__,) if _source(target.__module__) else ()
+        folder = cache_folder(*known)
+        if not _writable(folder):
+            # Left to itself numba would keep it beside the source, where no digest tells of changed callees.
+            return decorator(cache=False)(target)
         # numba reads the folder while decorating; other users of numba in the process keep theirs. One thread at a
         # time: another one would take our folder for theirs, and leave it behind.
         with _FOLDER_LOCK:
             before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-            numba.config.CACHE_DIR = str(cache_folder(*known))  # type: ignore[attr-defined]
+            numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
             try:
-                return compile_with(target)
+                return decorator()(target)
             finally:
                 numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
     return decorate if function is None else decorate(function)
+
+
+@cache
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        _not_kept(error)
+        return False
+    return True
+
+
+_TOLD = threading.Event()
+
+
+def _not_kept(error: OSError) -> None:
+    """Say once a process that compiled code is not kept, and why."""
+    if not _TOLD.is_set():
+        _TOLD.set()
+        warnings.warn(
+            f"{error.filename or cache_folder()}: compiled code cannot be kept ({error.strerror or error}); "
+            "every run compiles it anew",
+            UncachedWarning, stacklevel=2,
+        )  # fmt: skip
+
+
+def _guard_saving() -> None:
+    """Let numba go on when what it compiled cannot be saved.
+
+    For all of numba in the process: PyTensor's functions and C callbacks are compiled where no decorator of the
+    house is near, some of them while the sampler's threads wait for a starting point.
+    """
+    save = Cache.save_overload
+    if getattr(save, "guarded", False):
+        return
+
+    @wraps(save)
+    def saved(self: Any, signature: Any, data: Any) -> None:
+        try:
+            save(self, signature, data)
+        except OSError as error:
+            # The index is written before the data: it must not name data that another version left there.
+            with suppress(OSError):
+                Path(self._cache_file._index_path).unlink(missing_ok=True)
+            _not_kept(error)
+
+    saved.guarded = True  # type: ignore[attr-defined]
+    Cache.save_overload = saved  # type: ignore[method-assign]
+
+
+_guard_saving()

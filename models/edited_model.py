@@ -19,11 +19,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from pymc.model.fgraph import clone_model
 
+from models.added_variables import EditedTarget, check_probabilities, in_order
 from models.bayesian_fit import EDITED, PRIOR_DRAWS, PRIOR_STREAM, examined, stacked
-from models.bayesian_hmm import learned_vector
 from models.chains import Chain, NutsSettings, Progress, sample
 from models.edited_prior import LIKELIHOOD, check_labels_are_free, check_likelihood, check_tables, free_points
-from models.errors import InputError
+from models.edited_starts import tried_out
+from models.errors import InputError, Phrase, located
 from models.events import EventLog
 from models.groups import Groups
 from models.parameters import Array
@@ -61,7 +62,8 @@ def fit_model(
     log, states, groups, people
         What the model was built for.
     trace : xarray.DataTree, optional
-        Of this model, sampled already; by default it is sampled here, with nutpie, chain by chain.
+        Of this model, sampled already; by default it is sampled here, with nutpie, chain by chain. Axes are told
+        by their names. Without statistics of the sampler the gate is shut: nobody knows of divergences.
     sampler : NutsSettings, optional
         With a trace only its seed is used: for prior draws and simulated studies.
     done, finished, progress
@@ -71,37 +73,37 @@ def fit_model(
     -------
     Posterior
         Its settings say that priors were edited, and what PyMC says of them: never those of a fit with priors of
-        the house, so never mistaken for one in the store (`analysis.fits.keep_edited`). `cpu_seconds` is that of
-        everything done here but compilation.
+        the house, so never mistaken for one in the store (`analysis.fits.stored_fit_model`). Free variables that
+        were added, and deterministics that are not large, lie beside the tables, one value a state in canonical
+        order; the free ones count in the gate. `cpu_seconds` is that of everything done here but compilation.
 
     Raises
     ------
     InputError
-        If a table is missing or has other dimensions, the likelihood is not that of the log, or the edited prior
-        tells states apart: draws must not be relabelled then, the labels are the prior's. Whether it does is
-        tried out with its density at random points, states swapped and not.
+        If a table is missing or has other dimensions, a variable is discrete or improper, the likelihood is not
+        that of the log, no chain can start, a trace is not of this model, or the edited prior tells states apart:
+        draws must not be relabelled then, the labels are the prior's. Whether it does is tried out with its
+        density at random points, states swapped and not.
     """
     clock = WorkClock()
     sampler = sampler or NutsSettings()
     study = StudyDensity(log, ModelSpec(states, groups=groups, people=people))
     with clock.preparing():
-        check_tables(model, study)
-        points = free_points(model, sampler.seed)
-        check_likelihood(model, study, points[0])
-        check_labels_are_free(model, study, points)
+        examine(model, study, sampler.seed)
     if groups is not None:
         groups.warn_of_thin_ones(log)
     start = clock.wall()
     chains: dict[int, Chain] = {}
+    target = EditedTarget(study, model)
     if trace is None:
-        target = ModelTarget(study, model)
         if find_spec("nutpie") is not None:
             chains = sample(target, sampler, done=done, finished=finished, progress=progress, clock=clock)
         else:
             chains = sampled_by_pymc(target, sampler)
-        theta, stats = np.stack([c.x for c in chains.values()]), stacked(chains)
+        x, stats = np.stack([c.x for c in chains.values()]), stacked(chains)
     else:
-        theta, stats = _of_trace(ModelTarget(study, model), trace)
+        x, stats = _of_trace(target, trace)
+    theta, added = target.split(x)
     seconds = clock.wall() - start
     settings: dict[str, Any] = {
         **study.spec.to_dict(),
@@ -110,7 +112,9 @@ def fit_model(
         "engine": "pymc",
         "sampler": {**vars(sampler), "draws": theta.shape[1], "chains": theta.shape[0]},
     }
-    posterior = examined(study, theta, prior_draws(model, study, sampler.seed, clock), stats, settings)
+    posterior = examined(
+        study, theta, prior_draws(model, study, sampler.seed, clock), stats, settings, added, target.gated
+    )
     return replace(
         posterior,
         cpu_seconds=clock.cpu() + sum(c.cpu_seconds for i, c in (done or {}).items() if i in chains),
@@ -119,16 +123,33 @@ def fit_model(
     )
 
 
-def _of_trace(target: ModelTarget, trace: xr.DataTree) -> tuple[Array, dict[str, NDArray]]:
+def examine(model: pm.Model, study: StudyDensity, seed: int) -> None:
+    """All that is asked of an edited model before it is fitted.
+
+    Raises
+    ------
+    InputError
+        As `fit_model` says.
+    """
+    check_tables(model, study)
+    points = free_points(model, seed)
+    check_likelihood(model, study, points[0])
+    check_labels_are_free(model, study, points)
+
+
+def _of_trace(target: EditedTarget, trace: xr.DataTree) -> tuple[Array, dict[str, NDArray]]:
+    if not isinstance(trace, xr.DataTree):
+        raise located("trace", Phrase(f"a {type(trace).__name__}"), "an xarray.DataTree, as pm.sample gives it")
     if "posterior" not in trace.children:
         raise InputError("trace: has no group posterior")
     draws = trace["posterior"].to_dataset()
     missing = [name for name in target.sampled_names if name not in draws]
     if missing:
         raise InputError(f"trace: lacks {', '.join(missing)}, which the fit is about")
-    theta = learned_vector(target.study, target.filled(draws))
-    stats = statistics_of(trace, len(theta))
-    return theta, {name: np.stack([s[name] for s in stats]) for name in stats[0]}
+    x = target.joined(in_order(target, draws))
+    check_probabilities(target.study, target.split(x)[0])
+    stats = statistics_of(trace, len(x))
+    return x, {name: np.stack([s[name] for s in stats]) for name in stats[0]}
 
 
 def held_tables(study: StudyDensity, theta: Array) -> dict[str, list[list[float]]]:
@@ -187,7 +208,7 @@ class _PriorTarget(ModelTarget):
     stream = TERMS_STREAM
 
     def starts(self, compiled: Any) -> Callable[[int], Array]:
-        return compiled.initial_point_func
+        return tried_out(self.frozen, compiled)
 
 
 def without_likelihood(model: pm.Model) -> pm.Model:

@@ -28,14 +28,24 @@ SCHEMA = "prosocial-posterior/3"
 A_FIT = "a fit of `prosocial bayes` of this version (one that an older version wrote has to be made anew)"
 PACKAGES = ("numpy", "numba", "pymc", "nutpie", "arviz", "xarray")
 
+ABSENT = "not installed"
+"""In place of a version."""
+
 SECONDS = ("cpu_seconds", "sampling_seconds", "compile_seconds")
 SEALED = ("protocol", "gate", "settings", "emission_weights", *SECONDS)
 """Attributes the digest covers: all but the versions and the provenance, which determine no number."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages a fit depends on."""
-    return {name: metadata.version(name) for name in PACKAGES}
+    """Versions of the packages a fit depends on; a fit can be made without some of them."""
+    return {name: _version(name) for name in PACKAGES}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ABSENT
 
 
 def content_digest(data: xr.DataTree, attributes: Mapping[str, Any]) -> str:

@@ -81,13 +81,20 @@ class ModelTarget:
 
     def columns(self, posterior: xr.Dataset) -> Array:
         """Learned entries, sigma last where people differ."""
-        return learned_vector(self.study, self.filled(posterior))[0]
+        return self.joined(posterior)[0]
+
+    def joined(self, draws: xr.Dataset) -> Array:
+        """Draws as vectors ``[chain, draw, column]``."""
+        return self.vectors(draws)
+
+    def vectors(self, draws: xr.Dataset) -> Array:
+        """Learned vectors ``[chain, draw, p]``, sigma last where people differ."""
+        return learned_vector(self.study, self.filled(draws))
 
     @cached_property
     def sampled_names(self) -> list[str]:
         """The tables that vary; `pymc.do` makes constants of others."""
-        varying = {v.name for v in [*self.model.free_RVs, *self.model.deterministics]}
-        return [name for name in learned_names(self.study) if name in varying]
+        return learned_columns(self)
 
     def filled(self, draws: xr.Dataset) -> xr.Dataset:
         """Draws with the tables that the model holds."""
@@ -99,6 +106,12 @@ class ModelTarget:
                 own = [f"{name}_{i}" for i in range(value.ndim)]
                 held[name] = (("chain", "draw", *own), np.broadcast_to(value, (*lead, *value.shape)))
         return draws.assign(held)
+
+
+def learned_columns(target: ModelTarget) -> list[str]:
+    """Variables with what is learned that vary in a model."""
+    varying = {v.name for v in [*target.model.free_RVs, *target.model.deterministics]}
+    return [name for name in learned_names(target.study) if name in varying]
 
 
 def _starts(
@@ -138,9 +151,9 @@ def sampled_by_pymc(target: ModelTarget, settings: NutsSettings) -> dict[int, Ch
         trace = pm.sample(
             settings.draws, tune=settings.tune, chains=settings.chains, random_seed=settings.seed,
             nuts_sampler="pymc", progressbar=False, nuts={"target_accept": settings.target_accept},
-            compute_convergence_checks=False,
+            compute_convergence_checks=False, var_names=target.sampled_names,
         )  # fmt: skip
-    x = learned_vector(target.study, target.filled(trace["posterior"].to_dataset()))
+    x = target.joined(trace["posterior"].to_dataset())
     if x.shape[:2] != (settings.chains, settings.draws):
         raise KeyboardInterrupt("nothing of PyMC's own sampler is kept: the run starts anew")
     return {c: Chain(x[c], stats) for c, stats in enumerate(statistics_of(trace, settings.chains))}

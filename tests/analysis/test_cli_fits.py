@@ -12,6 +12,8 @@ from analysis import fits
 from analysis.cli import main
 from analysis.datasets import log_digest
 from analysis.fits_inventory import DAY, StoreEntry, entries, to_clear
+from analysis.kept_chains import ABOUT
+from models.chains import STATS, Chain
 from models.nuts import NutsSettings
 from models.parameters import DirichletPrior
 from models.simulation import simulate_responses
@@ -32,11 +34,16 @@ def store(tmp_path, monkeypatch):
     return tmp_path / "fits"
 
 
+def coordinates(states):
+    """Of the plain model: initial shares, four transition tables, two helping probabilities a state."""
+    return states - 1 + 4 * states * (states - 1) + 2 * states
+
+
 def interrupt(log, states):
     """Begin a fit and stop it after one chain."""
 
     def stop(*args, finished, **options):
-        finished(1, fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)}))
+        finished(1, Chain(np.zeros((40, coordinates(states))), {name: np.zeros(40) for name in STATS}))
         raise KeyboardInterrupt
 
     with pytest.MonkeyPatch.context() as patch:
@@ -133,7 +140,7 @@ def test_clean_removes_what_is_never_found_again(full, store, capsys):
     assert json.loads(out)["kept"] == 2
     left = sorted(path.name for path in store.iterdir())
     (waiting,) = store.glob("*.chains")
-    assert json.loads((waiting / fits.ABOUT).read_text())["states"] == 3
+    assert json.loads((waiting / ABOUT).read_text())["states"] == 3
     assert left == sorted([".alive.nc.x2.nc", fit.path.name, "link.nc", "notes.txt", waiting.name])
 
 
@@ -184,12 +191,12 @@ def test_chains_that_no_run_goes_on_with_are_cleared_away(store, log, capsys):
     """Of other code or versions, saying nothing usable, saying nothing at all, of a fit that is complete."""
     for states in (1, 2, 3, 4):
         interrupt(log, states)
-    folders = {json.loads((f / fits.ABOUT).read_text())["states"]: f for f in store.glob("*.chains")}
-    about = json.loads((folders[1] / fits.ABOUT).read_text())
+    folders = {json.loads((f / ABOUT).read_text())["states"]: f for f in store.glob("*.chains")}
+    about = json.loads((folders[1] / ABOUT).read_text())
     about["made_by"]["versions"]["nutpie"] = "0.1"
-    (folders[1] / fits.ABOUT).write_text(json.dumps(about))
-    (folders[2] / fits.ABOUT).write_text("{")
-    (folders[3] / fits.ABOUT).unlink()
+    (folders[1] / ABOUT).write_text(json.dumps(about))
+    (folders[2] / ABOUT).write_text("{")
+    (folders[3] / ABOUT).unlink()
     (folders[4].with_suffix(".nc")).write_bytes(b"somebody completed it")
     (store / "empty.chains").mkdir()
     found = {entry.path.stem: entry.status for entry in entries() if entry.path.suffix == ".chains"}
@@ -205,9 +212,9 @@ def test_chains_that_no_run_goes_on_with_are_cleared_away(store, log, capsys):
 def test_chains_kept_before_their_maker_was_recorded_are_outdated(store, log):
     interrupt(log, 3)
     (folder,) = store.glob("*.chains")
-    about = json.loads((folder / fits.ABOUT).read_text())
+    about = json.loads((folder / ABOUT).read_text())
     del about["made_by"]
-    (folder / fits.ABOUT).write_text(json.dumps(about))
+    (folder / ABOUT).write_text(json.dumps(about))
     assert [entry.status for entry in entries()] == ["outdated"]
 
 
@@ -248,7 +255,7 @@ def test_an_interrupted_run_that_says_nothing_usable_is_listed(store, log, capsy
     interrupt(log, 3)
     (folder,) = store.glob("*.chains")
     for content in ("[]", "{", '{"states": 2, "engine": "direct"}', '{"states": "two"}'):
-        (folder / fits.ABOUT).write_text(content)
+        (folder / ABOUT).write_text(content)
         assert run(capsys, "list")[0] == 0
         (entry,) = entries()
         assert (entry.status, entry.about) == ("damaged", {"chains_done": 1})

@@ -1,5 +1,6 @@
 """The store of fits: found again, resumed after an interruption, never confused."""
 
+import json
 import subprocess
 import sys
 import warnings
@@ -7,15 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pymc as pm
+import pytensor.tensor as pt
 import pytest
 
-from analysis import fits
+from analysis import fits, kept_chains
 from analysis.datasets import log_digest
 from analysis.fits_inventory import entries, to_clear
+from analysis.kept_chains import ABOUT, KeptChains, NotKeptWarning
 from models import chains, nuts
 from models.bayesian_fit import EDITED
+from models.bayesian_hmm import build_model
+from models.chains import STATS, Chain
 from models.errors import InputError
 from models.groups import Groups, SmallGroupWarning
+from models.model_digest import model_digest
 from models.nuts import NutsSettings
 from models.parameters import STICKY, DirichletPrior
 from models.posterior import TABLES
@@ -117,7 +124,7 @@ def test_a_resumed_run_counts_the_cpu_time_of_chains_that_were_kept(log, own_sto
     digest = log_digest(log)
     plain = fits.stored_fit(log, digest, 2, sampler=SHORT)
     plain.path.unlink()
-    _, keep, _ = fits._chains(own_store / f"{plain.key}.chains", {})
+    keep = KeptChains(own_store / f"{plain.key}.chains", {}).keep
     for number in range(2):
         made = nuts.sample_chain(StudyDensity(log, ModelSpec(2, STICKY)).density, number, SHORT)
         keep(number, replace(made, cpu_seconds=1000.0))
@@ -210,32 +217,95 @@ def test_a_fit_of_an_edited_model_is_kept_and_not_mistaken(log, own_store):
     assert np.array_equal(read_posterior(kept.path).flat(), plain.posterior.flat())
 
 
-def test_a_damaged_chain_is_sampled_again(log, own_store):
+def made_chain(draws=40, columns=13, **changes):
+    """A chain as a run of `SHORT` at two states keeps it (13 unconstrained coordinates), or with a fault."""
+    stats = {name: np.zeros(draws) for name in STATS}
+    return replace(Chain(np.zeros((draws, columns)), stats, 1.0), **changes)
+
+
+def half(path):
+    path.write_bytes(b"PK\x03\x04 half a file")
+
+
+def written(chain, number=None):
+    def write(path):
+        KeptChains(path.parent, {}).keep(int(path.stem), chain)
+
+    return write
+
+
+DAMAGED = {
+    "half a file": (half, "cannot be read"),
+    "a folder": (lambda path: (path / "inside").mkdir(parents=True), "cannot be read"),
+    "other draws": (written(made_chain(draws=39)), r"draws of shape \(39, 13\), wanted 40 x 13"),
+    "other columns": (written(made_chain(columns=12)), r"draws of shape \(40, 12\), wanted 40 x 13"),
+    "not finite": (written(made_chain(x=np.full((40, 13), np.nan))), "draws that are not finite"),
+    "statistics missing": (written(made_chain(stats={"lp": np.zeros(40)})), "statistics lp, wanted acceptance"),
+    "statistics of another length": (
+        written(made_chain(stats={name: np.zeros(39) for name in STATS})), r"statistic \w+ of shape \(39,\), "
+    ),
+    "no time": (written(made_chain(cpu_seconds=float("nan"))), "no CPU time"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_chain_this_run_cannot_have_made_is_told_and_sampled_again(kind, log, own_store):
     digest = log_digest(log)
     first = fits.stored_fit(log, digest, 2, sampler=SHORT)
     first.path.unlink()
     folder = own_store / f"{first.key}.chains"
     folder.mkdir()
-    (folder / "0.npz").write_bytes(b"PK\x03\x04 half a file")
-    again = fits.stored_fit(log, digest, 2, sampler=SHORT)
+    damage, words = DAMAGED[kind]
+    damage(folder / "0.npz")
+    settings = {**first.posterior.settings, "study": "x", "made_by": fits.maker()}
+    (folder / ABOUT).write_text(json.dumps(settings))
+    if kind != "other columns":  # that takes the data to tell
+        assert [entry.status for entry in entries()] == ["damaged"]
+    with pytest.warns(NotKeptWarning, match=rf"0\.npz: not used, this chain is sampled again: {words}"):
+        again = fits.stored_fit(log, digest, 2, sampler=SHORT)
     assert np.array_equal(first.posterior.table("initial"), again.posterior.table("initial"))
+    assert not folder.exists()
 
 
-def test_a_damaged_fit_in_the_store_is_refused_by_name(log):
+def test_a_chain_of_a_longer_run_is_not_used(log, own_store):
+    first = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    first.path.unlink()
+    KeptChains(own_store / f"{first.key}.chains", {}).keep(3, made_chain())
+    with pytest.warns(NotKeptWarning, match="chain 3 of a run of 3"):
+        fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+
+
+def test_a_damaged_fit_in_the_store_is_told_and_made_anew(log):
     stored = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
     stored.path.write_bytes(stored.path.read_bytes()[:3000])
-    with pytest.raises(InputError, match=rf"{stored.key}\.nc: (not a readable|damaged)"):
-        fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    with pytest.warns(
+        NotKeptWarning, match=rf"{stored.key}\.nc: (not a read|damaged).*; sampled anew in its place"
+    ):
+        again = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    assert not again.reused
+    assert np.array_equal(again.posterior.flat(), stored.posterior.flat())
+    assert fits.stored_fit(log, log_digest(log), 2, sampler=SHORT).reused
+
+
+def test_a_store_that_cannot_be_written_does_not_cost_the_result(log, own_store):
+    own_store.write_text("a file where the folder should be")
+    with pytest.warns(NotKeptWarning) as told:
+        stored = fits.stored_fit(log, log_digest(log), 2, sampler=SHORT)
+    assert "could not be kept" in str(told[0].message)
+    assert "the result is not in the store" in str(told[-1].message)
+    assert len(told) == 2
+    assert stored.posterior.flat().shape[:2] == (3, 40)
 
 
 CUT_SHORT = """
 import resource, signal, sys, warnings
 from pathlib import Path
 import numpy as np
-from analysis.fits import Chain, _chains
+from analysis.kept_chains import KeptChains
+from models.chains import Chain
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
-_, keep, forget = _chains(Path(sys.argv[1]), {"study": "x"})
+keep = KeptChains(Path(sys.argv[1]), {"study": "x"}).keep
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")
     for number in range(3):
@@ -253,14 +323,14 @@ def test_a_chain_the_disk_has_no_room_for_is_told_once_and_leaves_no_half_file(t
     assert done.stdout.splitlines() == [
         f"chain 0 could not be kept: {folder}: File too large; an interruption would lose it"
     ]
-    assert [p.name for p in folder.iterdir()] == [fits.ABOUT]
+    assert [p.name for p in folder.iterdir()] == [ABOUT]
 
 
 def test_a_run_whose_chains_cannot_be_kept_ends_well(log, own_store, monkeypatch):
     def full(path, content):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(fits, "write_bytes", full)
+    monkeypatch.setattr(kept_chains, "write_bytes", full)
     with pytest.warns(
         UserWarning, match=r"chain \d could not be kept: .*No space left on device; an inter"
     ) as told:
@@ -271,8 +341,9 @@ def test_a_run_whose_chains_cannot_be_kept_ends_well(log, own_store, monkeypatch
 
 def test_clearing_away_chains_somebody_else_clears_away_too(tmp_path, monkeypatch):
     folder = tmp_path / "key.chains"
-    chain = fits.Chain(np.zeros((4, 2)), {"diverging": np.zeros(4)})
-    _, keep, forget = fits._chains(folder, {})
+    chain = made_chain()
+    kept = KeptChains(folder, {})
+    keep, forget = kept.keep, kept.forget
     forget()  # nothing was ever kept
     keep(0, chain)
     first = Path.unlink
@@ -300,12 +371,64 @@ def test_clearing_away_chains_somebody_else_clears_away_too(tmp_path, monkeypatc
 
 
 def test_a_kept_chain_comes_back_bit_for_bit(tmp_path):
-    x = np.random.default_rng(3).normal(size=(7, 2))
-    chain = fits.Chain(x, {"diverging": np.arange(7) % 2 == 0, "n_steps": np.arange(7)})
+    rng = np.random.default_rng(3)
+    chain = made_chain(x=rng.normal(size=(40, 2)), stats={name: rng.normal(size=40) for name in STATS})
+    kept = KeptChains(tmp_path / "key.chains", {"sampler": vars(NutsSettings(40, 60, 5))}, lambda: 2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        fits._chains(tmp_path / "key.chains", {})[1](4, chain)
-    done, _, _ = fits._chains(tmp_path / "key.chains", {})
+        kept.keep(4, chain)
+        done = kept.found()
     assert list(done) == [4]
-    assert np.array_equal(done[4].x, x)
+    assert np.array_equal(done[4].x, chain.x)
     assert {k: v.tolist() for k, v in done[4].stats.items()} == {k: v.tolist() for k, v in chain.stats.items()}
+
+
+# -- edited models ---------------------------------------------------------------------------------------
+def informed(log, scale=1.0):
+    """A concentration that is learned, and a term."""
+    with build_model(log, 2) as model:
+        spread = pm.HalfNormal("spread", scale)
+        pm.Potential("around", spread * pt.log(model["initial"]).sum())
+    return model
+
+
+def test_a_model_built_again_has_the_same_digest_and_an_edit_another(log):
+    assert model_digest(informed(log)) == model_digest(informed(log))
+    models = [
+        informed(log), informed(log, 2.0), build_model(log, 2), build_model(log, 3),
+        build_model(log, 2, DirichletPrior(stay=3)), build_model(log, 2, pins={"help": None}),
+        pm.do(build_model(log, 2), {"initial": np.array([0.5, 0.5])}),
+    ]  # fmt: skip
+    assert len({model_digest(model) for model in models}) == len(models)
+
+
+@pytest.mark.slow
+def test_an_edited_model_is_found_again_and_goes_on(log, own_store, monkeypatch):
+    digest = log_digest(log)
+    whole = fits.stored_fit_model(informed(log), log, digest, 2, sampler=SHORT)
+    assert fits.stored_fit_model(informed(log), log, digest, 2, sampler=SHORT).reused
+    assert [entry.status for entry in entries()] == ["kept"]
+    whole.path.unlink()
+    original = chains.sample_chain
+
+    def interrupted(target, chain, *rest):
+        if chain == 1:
+            raise KeyboardInterrupt
+        return original(target, chain, *rest)
+
+    monkeypatch.setattr(chains, "sample_chain", interrupted)
+    monkeypatch.setattr(chains.os, "cpu_count", lambda: 1)
+    with pytest.raises(KeyboardInterrupt):
+        fits.stored_fit_model(informed(log), log, digest, 2, sampler=SHORT)
+    assert [(e.status, e.about["chains_done"]) for e in entries()] == [("interrupted", 1)]
+    calls = []
+
+    def counted(target, chain, *rest):
+        calls.append(chain)
+        return original(target, chain, *rest)
+
+    monkeypatch.setattr(chains, "sample_chain", counted)
+    resumed = fits.stored_fit_model(informed(log), log, digest, 2, sampler=SHORT)
+    assert 0 not in calls[: calls.index(2) + 1]  # the prior with its term is sampled after that
+    assert np.array_equal(resumed.posterior.flat(), whole.posterior.flat())
+    assert fits.stored_fit_model(informed(log, 2.0), log, digest, 2, sampler=SHORT).key != whole.key

@@ -1,5 +1,9 @@
 """Models edited by hand: the posterior and contraction of their own priors, free labels, the log's likelihood."""
 
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pymc as pm
 import pytensor.tensor as pt
@@ -8,9 +12,10 @@ import xarray as xr
 from scipy import stats
 
 from analysis.simulate import simulate_study1
+from models.added_variables import dims_of
 from models.bayesian_fit import EDITED, fit
 from models.bayesian_hmm import build_model
-from models.chains import NutsSettings
+from models.chains import NutsSettings, sample_chain
 from models.edited_model import fit_model, held_tables, prior_draws
 from models.edited_prior import check_labels_are_free, check_likelihood, check_tables, free_points
 from models.errors import InputError
@@ -18,6 +23,7 @@ from models.groups import Groups
 from models.parameters import DirichletPrior
 from models.person_offset import PersonOffset
 from models.posterior_files import read_posterior, write_posterior
+from models.pymc_engine import INTERPRETED
 from models.study_density import ModelSpec, StudyDensity
 from tests.models.test_bayesian_fit import monte_carlo_z
 
@@ -194,3 +200,148 @@ def test_tables_that_never_move_are_told_as_held(log):
     tables = study.layout.unpack(theta)[1]
     tables[:, :, 1] = np.eye(2)
     assert held_tables(study, theta) == {"help": [[1.0, 0.0], [0.0, 1.0]]}
+
+
+# -- traces ----------------------------------------------------------------------------------------------
+def made_trace(model, draws=60, stats=True):
+    """Two chains drawn from the prior, as a trace of the model: how it was sampled does not matter here."""
+    names = [v.name for v in model.free_RVs]
+    drawn = pm.draw(list(model.free_RVs), draws=2 * draws, random_seed=3, mode=INTERPRETED)
+    variables = {}
+    for name, values in zip(names, drawn, strict=True):
+        dims = dims_of(model, name, values.ndim - 1)
+        variables[name] = (("chain", "draw", *dims), values.reshape(2, draws, *values.shape[1:]))
+    coords = {"chain": [0, 1], "draw": np.arange(draws)}
+    used = {d for dims, _ in variables.values() for d in dims}
+    coords |= {d: list(labels) for d, labels in model.coords.items() if labels is not None and d in used}
+    groups = {"posterior": xr.Dataset(variables, coords=coords)}
+    if stats:
+        groups["sample_stats"] = xr.Dataset({"diverging": (("chain", "draw"), np.zeros((2, draws), dtype=bool))})
+    return xr.DataTree.from_dict(groups)
+
+
+def changed(trace, change):
+    out = trace.copy()
+    out["posterior"] = xr.DataTree(change(trace["posterior"].to_dataset()))
+    return out
+
+
+def test_a_trace_without_statistics_shuts_the_gate(log):
+    model = build_model(log, 2)
+    gate = fit_model(model, log, 2, trace=made_trace(model, stats=False)).gate
+    assert gate.divergences is None
+    assert "whether transitions diverged is unknown" in gate.reasons[0]
+    assert fit_model(model, log, 2, trace=made_trace(model)).gate.divergences == 0
+
+
+def test_axes_and_labels_of_a_trace_are_told_by_name(log):
+    model = build_model(log, 2)
+    trace = made_trace(model)
+    own = fit_model(model, log, 2, trace=trace)
+    for change in (
+        lambda d: d.transpose(..., "draw", "chain"),
+        lambda d: d.assign(transition=d["transition"].transpose("state_next", "draw", "state", "action", "chain")),
+        lambda d: d.sel(action=d["action"].to_numpy()[::-1]),
+    ):
+        assert np.array_equal(fit_model(model, log, 2, trace=changed(trace, change)).flat(), own.flat())
+
+
+UNUSABLE = {
+    "off the simplex": (lambda d: d.assign(initial=d["initial"] * 1.01), "trace, initial: found .*rows of prob"),
+    "negative": (lambda d: d.assign(help_probability=d["help_probability"] - 0.5), "trace, emission: found a sm"),
+    "not finite": (lambda d: d.assign(initial=d["initial"] * np.nan), "trace: found values that are not finite"),
+    "dimension": (lambda d: d.rename(action="deed"), "trace, transition, dimensions: found"),
+    "labels": (lambda d: d.assign_coords(action=list("abcd")), "trace, transition, action: found"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", UNUSABLE)
+def test_traces_that_cannot_be_of_the_model_are_refused(case, log):
+    change, words = UNUSABLE[case]
+    model = build_model(log, 2)
+    with pytest.raises(InputError, match=words):
+        fit_model(model, log, 2, trace=changed(made_trace(model), change))
+
+
+def test_a_dict_is_no_trace(log):
+    with pytest.raises(InputError, match=r"trace: found a dict, wanted an xarray\.DataTree"):
+        fit_model(build_model(log, 2), log, 2, trace={"posterior": {}})
+
+
+# -- what an analyst adds --------------------------------------------------------------------------------
+def with_more(log):
+    with build_model(log, 2) as model:
+        kappa = pm.HalfNormal("kappa", 1)
+        mean = pm.Normal("mean", 0, 1, dims="state")
+        pm.Deterministic("doubled", 2 * kappa)
+        pm.Potential("around", pm.logp(pm.Normal.dist(mean[None, :], 0.5), model["help_probability"]).sum())
+    return model
+
+
+def test_added_variables_are_kept_in_canonical_order_and_gated(log):
+    model = with_more(log)
+    trace = made_trace(model)
+    raw = trace["posterior"].to_dataset()
+    # The mean of each state follows its helping, so that its order can be told.
+    helping = raw["help_probability"].mean("emission_action")
+    trace = changed(trace, lambda d: d.assign(mean=helping, doubled=2 * d["kappa"]))
+    study = StudyDensity(log, ModelSpec(2))
+    own = fit_model(model, log, 2, trace=trace)
+    posterior = own.data["posterior"].to_dataset()
+    assert np.array_equal(posterior["kappa"], raw["kappa"])
+    assert np.array_equal(posterior["doubled"], 2 * raw["kappa"])
+    weights = study.emission_weights / study.emission_weights.sum()
+    swapped = np.asarray((raw["help_probability"].to_numpy() * weights[:, None]).sum(axis=2))
+    order = np.argsort(swapped, axis=-1)
+    np.testing.assert_array_equal(posterior["mean"], np.take_along_axis(helping.to_numpy(), order, axis=-1))
+    stuck = changed(trace, lambda d: d.assign(kappa=d["kappa"] + 100.0 * d["chain"]))
+    assert fit_model(model, log, 2, trace=stuck).gate.worst == "kappa"
+    apart = changed(trace, lambda d: d.assign(mean=d["mean"] + 100.0 * d["chain"]))
+    assert fit_model(model, log, 2, trace=apart).gate.worst.startswith("mean[s")
+
+
+@pytest.mark.slow
+def test_added_variables_are_sampled_and_written(log, tmp_path):
+    own = fit_model(with_more(log), log, 2, sampler=SHORT)
+    posterior = own.data["posterior"].to_dataset()
+    assert posterior["kappa"].shape == (2, 40)
+    np.testing.assert_allclose(posterior["doubled"], 2 * posterior["kappa"])
+    write_posterior(own, tmp_path / "fit.nc")
+    assert np.array_equal(read_posterior(tmp_path / "fit.nc").data["posterior"]["mean"], posterior["mean"])
+
+
+@pytest.mark.slow
+def test_chains_start_where_a_constraint_allows_it(log):
+    """A corner far from where EM and PyMC would start."""
+    with build_model(log, 2) as model:
+        extreme = pt.all(pt.abs(model["help_probability"] - 0.5) > 0.3)
+        pm.Potential("corner", pt.switch(extreme, 0.0, -np.inf))
+    own = fit_model(model, log, 2, sampler=SHORT)
+    assert np.all(np.abs(own.table("emission")[..., 1] - 0.5) > 0.3)
+
+
+def test_a_chain_that_cannot_start_is_an_error_with_words(monkeypatch):
+    target = SimpleNamespace(stream=1, nutpie_model=lambda: None)
+
+    def nowhere(*args, **options):
+        class Sampler:
+            def wait(self, timeout):
+                raise RuntimeError("All initialization points failed")
+
+            def cancel(self):
+                pass
+
+        return Sampler()
+
+    monkeypatch.setattr("nutpie.sample", nowhere)
+    with pytest.raises(InputError, match="chain 0 cannot start: the log density or its gradient is not finite"):
+        sample_chain(target, 0, SHORT)
+
+
+@pytest.mark.slow
+def test_the_example_in_the_readme_runs(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("PROSOCIAL_CACHE", str(tmp_path))
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (block,) = [b for b in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL) if "stored_fit_model" in b]
+    exec(compile(block, "README.md", "exec"), {})
+    assert "Convergence gate" in capsys.readouterr().out

@@ -43,6 +43,22 @@ def test_every_reason_shuts_it(gate, reason):
     assert gate.sentence.endswith("Do not rely on these numbers.")
 
 
+def test_unknown_divergences_shut_it():
+    gate = convergence_gate(independent(), ["a", "b"], None)
+    assert gate.divergences is None
+    assert gate.reasons == ["whether transitions diverged is unknown: the trace has no statistics of its sampler"]
+    assert "): an unknown number of divergences, largest r-hat" in gate.sentence
+
+
+def test_the_quantity_with_too_small_a_size_is_named():
+    draws = independent()
+    draws[..., 1] = np.repeat(draws[:, ::20, 1], 20, axis=1)  # slow, in all chains alike
+    gate = convergence_gate(draws, ["a", "slow"], 0)
+    assert (gate.worst_bulk, gate.worst_tail) == ("slow", "slow")
+    assert any("smallest bulk effective sample size" in r and "(slow), above 400 wanted" in r for r in gate.reasons)
+    assert any("smallest tail effective sample size" in r and "(slow), above 400 wanted" in r for r in gate.reasons)
+
+
 def test_reasons_add_up():
     assert GOOD.passed
     assert len(Gate(3, 1.2, 10, 10, "a").reasons) == 4

@@ -267,3 +267,21 @@ def test_a_fit_of_a_failed_gate_says_so_after_reading(small, tmp_path):
     gate = read_posterior(tmp_path / "bad.nc").gate
     assert not gate.passed
     assert gate.reasons[0] == "3 divergent transitions, none allowed"
+
+
+def test_a_package_that_is_absent_is_said_to_be(small, tmp_path, monkeypatch):
+    found = posterior_files.metadata.version
+
+    def without(name):
+        if name == "nutpie":
+            raise posterior_files.metadata.PackageNotFoundError(name)
+        return found(name)
+
+    with_it = posterior_files.versions()
+    monkeypatch.setattr(posterior_files.metadata, "version", without)
+    assert posterior_files.versions() == {**with_it, "nutpie": "not installed"}
+    write_posterior(small, tmp_path / "fit.nc")
+    read_posterior(tmp_path / "fit.nc")
+    monkeypatch.undo()
+    with pytest.warns(UserWarning, match="made with other versions: nutpie not installed"):
+        read_posterior(tmp_path / "fit.nc")

@@ -125,6 +125,7 @@ class Problem:
             for choice in self.choices[x]:
                 self._check_choice(x, choice)
         self._check_initial()
+        object.__setattr__(self, "choices", tuple(tuple(map(_joined, offered)) for offered in self.choices))
 
     def _check_choice(self, x: int, choice: Choice) -> None:
         place = f"{self.name}, mode {self.modes[x]}, action {choice.action}"
@@ -304,6 +305,20 @@ class Problem:
     def started(self, initial: Sequence[Array]) -> Problem:
         """The same problem from another initial belief (one array a mode, joint with the mode)."""
         return replace(self, initial=tuple(np.asarray(b, dtype=np.float64) for b in initial))
+
+
+def _joined(choice: Choice) -> Choice:
+    """A choice with one outcome for each next mode and observation: what looks alike cannot be told apart."""
+    keys = [(b.mode, o) for b in choice.branches for o in b.observations]
+    if len(set(keys)) == len(keys):
+        return choice
+    tables: dict[tuple[int, int], Any] = {}
+    for b in choice.branches:
+        for j, o in enumerate(b.observations):
+            seen = 1.0 if b.emission is None else b.emission[:, [j]].toarray().ravel()[None, :]
+            table = b.transition.toarray() * seen
+            tables[b.mode, o] = tables[b.mode, o] + table if (b.mode, o) in tables else table
+    return replace(choice, branches=tuple(Branch(x, csr(t), (o,)) for (x, o), t in tables.items()))
 
 
 def csr(table: Any) -> sparse.csr_array:

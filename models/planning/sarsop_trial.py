@@ -292,6 +292,8 @@ def trial(
         bins.trial[i] = tree.counts[3]
         room.path[steps] = i
         steps += 1
+        # Looking at what is known already is work too, or a portion of deep trials would take minutes.
+        tree.counts[2] += 50 + size
         gap = tree.upper[i] - tree.lower[i]
         if gap * scale <= 0.5 * aim:
             break

@@ -60,6 +60,9 @@ def textbook_problem(
     seen = [csr(o) for o in observation]  # type: ignore[union-attr]
     n = moves[0].shape[0]
     rewards = np.asarray(reward, dtype=np.float64)
+    if len(seen) != len(moves):
+        found = Phrase(f"{len(moves)} transition and {len(seen)} observation tables")
+        raise located(f"{name}, actions", found, "one of each for an action")
     if rewards.ndim == 4:
         rewards = np.stack(
             [np.einsum("st,to,sto->s", t.toarray(), o.toarray(), r)
@@ -67,9 +70,6 @@ def textbook_problem(
         )  # fmt: skip
     if rewards.shape != (len(moves), n):
         raise located(f"{name}, shape of the reward", rewards.shape, f"({len(moves)}, {n})")
-    if len(seen) != len(moves):
-        found = Phrase(f"{len(moves)} transition and {len(seen)} observation tables")
-        raise located(f"{name}, actions", found, "one of each for an action")
     start = np.full(n, 1.0 / n) if initial is None else np.asarray(initial, dtype=np.float64)
     kinds = tuple(range(seen[0].shape[1]))
     action_names = tuple(actions) or tuple(map(str, range(len(moves))))

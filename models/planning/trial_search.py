@@ -117,7 +117,7 @@ class TrialSearch:
         )
         if status == 2:
             self._make_room()
-        elif time.perf_counter() - began < PORTION:
+        elif status == 1 and time.perf_counter() - began < PORTION:
             self._work *= 2
         if status == 1 and (self.beliefs > GROWTH * self._swept or before == (self.lower, self.upper)):
             self._swept = self.beliefs

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from models.planning.problem import Problem
 
@@ -125,18 +126,26 @@ def sawtooth(corner: Array, points: Sequence[tuple[Array, float]], belief: Array
 def controller_values(
     problem: Problem, mode: Sequence[int], choice: Sequence[int], follow: NDArray[np.int64]
 ) -> list[Array]:
-    """Value of every node of a policy graph by hidden state: one linear system."""
+    """Value of every node of a policy graph by hidden state: one linear system, solved by sweeps if large."""
     table = steps(problem)
     place = np.concatenate([[0], np.cumsum([len(problem.states[x]) for x in mode])])
-    matrix, reward = np.eye(place[-1]), np.zeros(place[-1])
+    size = int(place[-1])
+    reward, parts = np.zeros(size), []
     for i, (x, c) in enumerate(zip(mode, choice, strict=True)):
-        rows = slice(place[i], place[i + 1])
-        reward[rows] = table[x][c].reward
+        reward[place[i] : place[i + 1]] = table[x][c].reward
         for z, (after, _, t) in enumerate(table[x][c].outcomes):
             j = int(follow[i][z])
             assert mode[j] == after, f"vector {i}, outcome {z} leads to mode {after}, follower has {mode[j]}"
-            matrix[rows, place[j] : place[j + 1]] -= problem.discount * t
-    solved = np.linalg.solve(matrix, reward)
+            y, y_next = np.nonzero(t)
+            parts.append((y + place[i], y_next + place[j], t[y, y_next]))
+    row, column, value = (np.concatenate(part) for part in zip(*parts, strict=True))
+    ahead = problem.discount * sparse.csr_array((value, (row, column)), shape=(size, size))
+    if size <= 3000:
+        solved = np.linalg.solve(np.eye(size) - ahead.toarray(), reward)
+    else:
+        solved = np.zeros(size)
+        for _ in range(int(np.ceil(np.log(1e-14) / np.log(problem.discount)))):
+            solved = reward + ahead @ solved
     return [solved[place[i] : place[i + 1]] for i in range(len(mode))]
 
 

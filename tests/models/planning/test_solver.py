@@ -87,7 +87,7 @@ def test_two_states_a_mode_against_plain_grids(seed):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_sparse_problems(seed):
-    solution = check(solve(sparse_problem(seed, 20 + 30 * seed), 0.02, time_limit=SECONDS))
+    solution = check(solve(sparse_problem(seed, 20 + 30 * seed), 0.02, time_limit=1.0))
     low, high = reference.tree_interval(solution.problem, 3)
     assert solution.lower <= high
     assert solution.upper >= low
@@ -218,7 +218,8 @@ def test_an_observation_in_two_copies_tells_nothing_more():
     branches = [c.branches[0] for c in problem.choices[0]]
     tables = [b.emission.toarray() for b in branches]
     doubled = textbook_problem(
-        [b.transition for b in branches], [np.column_stack([0.3 * t[:, 0], t[:, 1:], 0.7 * t[:, 0]]) for t in tables],
+        [b.transition for b in branches],
+        [np.column_stack([0.3 * t[:, 0], t[:, 1:], 0.7 * t[:, 0]]) for t in tables],
         np.stack([c.reward for c in problem.choices[0]]), problem.discount, problem.initial[0],
     )  # fmt: skip
     agree(solved(problem), solved(doubled))
@@ -258,6 +259,7 @@ def test_start_states_shown_or_folded_into_the_end(kind):
     folded = observed_end(problem)
     assert folded.n_modes >= problem.n_modes
     agree(solved(problem, 1e-5), solved(folded, 1e-5))
+
     # Exactly the same for a few steps, leaf values apart.
     def leaf(_, w):
         return w.sum(axis=1) * 3.0
@@ -282,7 +284,7 @@ def test_warm_starts_are_valued_anew(make):
 
 def sparse_shifted(seed):
     """More states than the grid takes, all rewards negative: zeros would be above the optimum."""
-    problem = sparse_problem(seed, 20, 2, 3, 0.8)
+    problem = sparse_problem(seed, 16, 2, 3, 0.6)
     choices = tuple(replace(c, reward=c.reward - 5) for c in problem.choices[0])
     return replace(problem, choices=(choices,))
 
@@ -297,7 +299,8 @@ def test_tiger():
 
 
 PUBLISHED = {
-    "tiger.95": (19.3714, 19.3714), "tiger.aaai": (1.933, 1.934), "1d": (1.2604, 1.2614), "cheese.95": (3.4853, 3.4863),
+    "tiger.95": (19.3714, 19.3714), "tiger.aaai": (1.933, 1.934), "1d": (1.2604, 1.2614),
+    "cheese.95": (3.4853, 3.4863),
     "shuttle.95": (32.889, 32.890), "4x3.95": (1.8899, 1.8909), "paint.95": (3.2936, 3.2946),
     "network": (293.19, 297.72), "hallway": (0.987, 1.210), "tag-avoid": (-6.31, -1.62),
 }  # fmt: skip

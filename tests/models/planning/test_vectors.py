@@ -186,7 +186,7 @@ def test_equal_vectors_leave_one():
 
 def test_best_vector_is_the_oldest_of_equals_and_knows_the_new_ones():
     problem = modal_problem(1, (2, 2))
-    arrays, vectors = random_graph(problem, 0, 6)
+    vectors = random_graph(problem, 0, 6)[1]
     rng = np.random.default_rng(0)
     vectors.alpha[:6] = rng.normal(size=(6, 2))
     belief = np.array([0.3, 0.7])

@@ -1,0 +1,154 @@
+"""Many draws at once: all certified, the same in any number of threads, and the same as one by one."""
+
+import numpy as np
+import pytest
+
+from models.errors import InputError
+from models.model_draws import ModelDraws
+from models.planning.arrays import arrays_of
+from models.planning.batch import solve_draws
+from models.planning.latent import LatentBatch
+from models.planning.solver import solve
+from models.reward import Reward, default_x
+from tests.planning_cases import mode_processes, sticky_draws, sticky_model
+from tests.reference import planning_numpy as reference
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """30 people whose states last: the benchmark of the design note, where the gap is hard to close."""
+    return LatentBatch(sticky_draws(30, 11), mode_processes()["alternating"], 0.95)
+
+
+@pytest.fixture(scope="module")
+def solved(batch):
+    return solve_draws(batch, 1e-3, threads=1)
+
+
+def test_every_draw_is_certified(batch, solved):
+    assert len(solved.solutions) == len(batch) == 30
+    assert solved.certified.all()
+    assert (solved.relative_gap <= 1e-3).all()
+    assert (solved.lower <= solved.upper).all()
+    assert (solved.draw_seconds > 0).all()
+    assert solved.sentence.startswith("30 of 30 draws solved to a relative gap of 0.001 (largest 0.000")
+
+
+def test_threads_change_nothing(batch, solved):
+    other = solve_draws(batch, 1e-3, threads=2)
+    np.testing.assert_array_equal(solved.lower, other.lower)
+    np.testing.assert_array_equal(solved.upper, other.upper)
+    for one, two in zip(solved.solutions, other.solutions, strict=True):
+        for name in ("alpha", "mode", "choice"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_one_by_one(batch, solved):
+    for d in range(0, len(batch), 3):
+        alone = solve(batch.problem(d), 1e-3, time_limit=10)
+        assert alone.status == "converged"
+        assert alone.lower <= solved.upper[d] + 1e-9
+        assert solved.lower[d] <= alone.upper + 1e-9
+
+
+def test_policies_are_worth_what_they_say(batch, solved):
+    for d in range(0, len(batch), 5):
+        problem, s = batch.problem(d), solved.solutions[d]
+        values = reference.controller_values(problem, s.mode, s.choice, s.follow)
+        first = problem.initial[0]
+        worth = max(first @ v for v, m in zip(values, s.mode, strict=True) if m == 0)
+        assert s.lower - 1e-7 * abs(s.lower) <= worth <= s.upper * (1 + 1e-9)
+        low, high = reference.tree_interval(problem, 4)
+        assert s.lower <= high
+        assert s.upper >= low
+
+
+@pytest.mark.parametrize("kind", ["alternating", "bernoulli", "table"])
+def test_arrays_are_those_of_the_problem(kind):
+    batch = LatentBatch(sticky_draws(4, 3, 3), mode_processes()[kind], 0.9)
+    for d in range(4):
+        for name, ours, theirs in zip(
+            batch.template._fields, batch.arrays(d), arrays_of(batch.problem(d)), strict=True
+        ):
+            np.testing.assert_array_equal(ours, theirs, err_msg=name, strict=name != "discount")
+
+
+def test_draws_with_zeros_in_different_places():
+    """A batch stores zeros, so that entries are in the same places; the problems are the same."""
+    rng = np.random.default_rng(0)
+    models = []
+    for d in range(3):
+        base = sticky_model(rng, 3)
+        t = base.transition * (rng.random(base.transition.shape) < 0.6) + 1e-3 * np.eye(3)
+        e = base.emission.copy()
+        e[0, d] = [1, 0]
+        models.append(type(base)(base.initial, t / t.sum(axis=-1, keepdims=True), e))
+    batch = LatentBatch(ModelDraws.from_models(models), mode_processes()["bernoulli"], 0.9)
+    solved = solve_draws(batch, 1e-3, threads=2)
+    assert solved.certified.all()
+    for d in range(3):
+        alone = solve(batch.problem(d), 1e-3)
+        assert alone.lower <= solved.upper[d] + 1e-9
+        assert solved.lower[d] <= alone.upper + 1e-9
+
+
+def test_another_reward(batch):
+    few = LatentBatch(batch.draws.thin(3), batch.process, 0.9)
+    costly = Reward(default_x(4), costs={"signal": 1e6}) if "costs" in Reward.__dataclass_fields__ else None
+    if costly is None:
+        pytest.skip("rewards have no costs by action")
+    changed = solve_draws(few.with_reward(costly), 1e-3)
+    assert changed.certified.all()
+    assert (changed.lower <= solve_draws(few, 1e-3).upper + 1e-9).all()
+
+
+def test_starts_in_either_mode():
+    batch = LatentBatch(sticky_draws(5, 8), mode_processes()["bernoulli"], 0.9)
+    solved = solve_draws(batch, 1e-3)
+    assert solved.certified.all()
+    for d in range(5):
+        problem = batch.problem(d)
+        parts = []
+        for x in range(2):
+            start = [np.zeros(4), np.zeros(4)]
+            start[x] = batch.draws.initial[d]
+            parts.append(solve(problem.started(start), 1e-3))
+        low = sum(w * s.lower for w, s in zip(batch.process.start, parts, strict=True))
+        high = sum(w * s.upper for w, s in zip(batch.process.start, parts, strict=True))
+        assert low <= solved.upper[d] + 1e-9
+        assert solved.lower[d] <= high + 1e-9
+
+
+def test_more_states_than_the_grid_takes():
+    batch = LatentBatch(sticky_draws(2, 5, 13), mode_processes()["alternating"], 0.6)
+    solved = solve_draws(batch, 0.05, threads=2, time_limit=5)
+    assert np.isfinite(solved.relative_gap).all()
+    assert (solved.lower <= solved.upper).all()
+
+
+def test_progress_counts_every_draw(batch):
+    seen = []
+    few = LatentBatch(batch.draws.thin(6), batch.process, 0.9)
+    solve_draws(few, 1e-2, threads=2, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(k, 6) for k in range(1, 7)]
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"precision": 0.0}, "precision: found 0.0, wanted a number above 0"),
+    ({"precision": np.nan}, "precision: found nan"),
+    ({"threads": 0}, "threads: found 0, wanted at least 1"),
+])  # fmt: skip
+def test_settings_that_make_no_sense(batch, options, words):
+    with pytest.raises(InputError, match=words):
+        solve_draws(batch, **options)
+
+
+def test_without_discount_there_is_no_optimum(batch):
+    with pytest.raises(InputError, match="discount of the batch: found 1"):
+        solve_draws(LatentBatch(batch.draws, batch.process, 1.0))
+
+
+@pytest.mark.slow
+def test_three_hundred_draws_are_all_certified():
+    batch = LatentBatch(sticky_draws(300, 23), mode_processes()["alternating"], 0.95)
+    assert solve_draws(batch, 1e-3).certified.all()

@@ -216,39 +216,34 @@ class Likelihood:
         return np.asarray(np.einsum("i,ij,ik->jk", self.patterns.multiplicity, self.scores, self.scores))
 
     @cached_property
-    def directions(self) -> Array:
-        """Directions, by column, along which the predictors move by columns that are orthogonal and of size one.
+    def sizes(self) -> Array:
+        """Root mean square of every column of the design, and 1 for the standard deviation.
 
-        Differences along them are as good for seconds and metres as for standardised covariates.
+        Differences in steps of their inverses are as good for seconds and metres as for standardised covariates.
         """
-        n = len(self.patterns.design)
-        upper = np.linalg.qr(self.patterns.design / np.sqrt(n), mode="r")
-        whole = np.eye(self.patterns.n_fixed + 1)
-        diagonal = np.abs(np.diag(upper))
-        if len(upper) == self.patterns.n_fixed and diagonal.min() > 1e-13 * diagonal.max():
-            whole[:-1, :-1] = np.linalg.inv(upper)
-        return whole
+        columns = np.sqrt(np.mean(self.patterns.design**2, axis=0))
+        return np.append(np.where(columns > 0, columns, 1.0), 1.0)
 
     def hessian(self, theta: Array) -> Array:
-        """Second derivatives by differences of the exact gradient along `directions`.
+        """Second derivatives by differences of the exact gradient.
 
         Central differences, good to nine digits or more; with many patterns forward ones, good to six, for half the
         time.
         """
         theta = np.asarray(theta, float)
-        directions = self.directions
-        back = np.linalg.inv(directions)
-        moved = np.empty((len(theta), len(theta)))
+        hessian = np.empty((len(theta), len(theta)))
         forward = self.patterns.n_patterns > MANY
+        steps = (1e-7 if forward else 6e-6) * np.maximum(1.0, np.abs(theta) * self.sizes) / self.sizes
         here = self(theta)[1] if forward else None
-        for i, size in enumerate(np.maximum(1.0, np.abs(back @ theta))):
-            step = (1e-7 if forward else 6e-6) * size
-            up = self(theta + step * directions[:, i])[1]
-            down = here if here is not None else self(theta - step * directions[:, i])[1]
-            moved[:, i] = (up - down) / (step if forward else 2.0 * step)
-        along = directions.T @ moved
-        hessian = back.T @ (0.5 * (along + along.T)) @ back
-        return np.asarray(0.5 * (hessian + hessian.T))
+        for i, step in enumerate(steps):
+            up, down = theta.copy(), theta.copy()
+            up[i] += step
+            if here is not None:
+                hessian[i] = (self(up)[1] - here) / (up[i] - theta[i])
+                continue
+            down[i] -= step
+            hessian[i] = (self(up)[1] - self(down)[1]) / (up[i] - down[i])
+        return 0.5 * (hessian + hessian.T)
 
 
 @cache

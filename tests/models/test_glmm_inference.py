@@ -298,7 +298,7 @@ def test_influence_knows_patterns_and_the_boundary():
 
 @pytest.mark.filterwarnings("ignore::models.glmm_warnings.MixedModelWarning")
 @pytest.mark.parametrize("rule", [25, "laplace"])
-@pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e6, 0.0), (1e-6, 0.0), (1.0, 1e3)])
+@pytest.mark.parametrize(("scale", "shift"), [(1e6, 0.0), (1e-6, 0.0), (1e5, 3e4), (1.0, 10.0)])
 def test_errors_do_not_depend_on_the_unit_of_a_covariate(rule, scale, shift):
     rng = np.random.default_rng(11)
     group = np.repeat(np.arange(120), 4)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import InputError, Phrase, located
+from models.planning.belief_check import checked_belief
 from models.planning.policies import Array, Index, Vocabulary
 
 if TYPE_CHECKING:
@@ -169,15 +170,7 @@ class BeliefModel:
         InputError
             If its length does not fit, or it is no probability vector (sum within 1e-9).
         """
-        value = np.asarray(belief, dtype=np.float64)
-        place = f"belief in mode {self.vocabulary.modes[mode]}"
-        if value.shape != (len(self.states[mode]),):
-            raise located(f"{place}, shape", value.shape, f"({len(self.states[mode])},)")
-        if not (np.isfinite(value).all() and (value >= 0).all()):
-            raise located(place, [float(v) for v in value], "probabilities between 0 and 1")
-        if abs(value.sum() - 1) > TOLERANCE:
-            raise located(f"{place}, sum", f"{value.sum():.10g}", "1 within 1e-9")
-        return value
+        return checked_belief(belief, self.vocabulary.modes[mode], len(self.states[mode]))
 
     def update(self, mode: int, belief: Array, choice: int, observation: int | None, next_mode: int) -> Array:
         """Belief after a step; `observation` None: it was not recorded.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from models.errors import InputError, Phrase, located
+from models.planning.belief_check import checked_belief
 
 Array = NDArray[np.float64]
 
@@ -223,15 +224,7 @@ class Problem:
         InputError
             If its length does not fit, or it is no probability vector (sum within 1e-9).
         """
-        value = np.asarray(belief, dtype=np.float64)
-        place = f"belief in mode {self.modes[mode]}"
-        if value.shape != (len(self.states[mode]),):
-            raise located(f"{place}, shape", value.shape, f"({len(self.states[mode])},)")
-        if not (np.isfinite(value).all() and (value >= 0).all()):
-            raise located(place, [float(v) for v in value], "probabilities between 0 and 1")
-        if abs(value.sum() - 1) > ROW_TOLERANCE:
-            raise located(f"{place}, sum", f"{value.sum():.10g}", "1 within 1e-9")
-        return value
+        return checked_belief(belief, self.modes[mode], len(self.states[mode]))
 
     def outcomes(self, mode: int, choice: int, belief: Array) -> list[tuple[int, int, float, Array]]:
         r"""What may follow an action: next mode, observation, probability, next belief.

@@ -94,9 +94,7 @@ def test_draws_with_zeros_in_different_places():
 
 def test_another_reward(batch):
     few = LatentBatch(batch.draws.thin(3), batch.process, 0.9)
-    costly = Reward(default_x(4), costs={"signal": 1e6}) if "costs" in Reward.__dataclass_fields__ else None
-    if costly is None:
-        pytest.skip("rewards have no costs by action")
+    costly = Reward(default_x(4), costs={"signal": 1e6})
     changed = solve_draws(few.with_reward(costly), 1e-3)
     assert changed.certified.all()
     assert (changed.lower <= solve_draws(few, 1e-3).upper + 1e-9).all()

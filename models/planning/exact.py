@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import Phrase, located
-from models.planning.history_kernel import TreeTables, walk_tree
+from models.errors import located
+from models.planning.history_kernel import walk_tree
+from models.planning.schedule_tree import schedule_tree
 from models.planning.schedule import Array, Event, Schedule
-from models.planning.tail_plans import TailPlans, followed, tail_plans
-
-MOST_HISTORIES = 50_000_000
-"""Histories that the walk may visit (some ten seconds for one model), and that a plan may hold an action for."""
 
 
 @dataclass(frozen=True)
@@ -104,23 +100,12 @@ def solve_schedule(schedule: Schedule) -> ExactPlan:
     >>> plan.first_action, round(plan.value, 3)
     ('no_signal', 61.232)
     """
-    tail = tail_plans(schedule)
-    counts = [1]
-    for k in range(tail.leaf):
-        counts.append(counts[-1] * len(schedule.mode(k).actions) * schedule.n_outcomes(k))
-    answered = sum(prod(schedule.n_outcomes(j) for j in range(k)) for k in range(schedule.n_events))
-    if max(sum(counts), answered) > MOST_HISTORIES:
-        found = Phrase(f"{schedule.n_events} events, {float(max(sum(counts), answered)):.2g} histories")
-        raise located(f"schedule {schedule.letters}", found, f"at most {MOST_HISTORIES:.0e} histories")
-    offset = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
-    decision = np.zeros(sum(counts), dtype=np.int8)
-    picks = np.zeros((counts[-1], schedule.n_outcomes(tail.leaf)), dtype=np.int16)
+    tree = schedule_tree(schedule)
+    decision = np.zeros(tree.histories, dtype=np.int8)
+    picks = np.zeros((tree.leaves, schedule.n_outcomes(tree.leaf)), dtype=np.int16)
     first = np.zeros(len(schedule.mode(0).actions))
-    value = walk_tree(
-        tree_tables(schedule), tail.leaf, _leaf_vectors(schedule, tail), len(tail.vectors), offset, decision, picks,
-        first,
-    )  # fmt: skip
-    return ExactPlan(schedule, float(value), first, _plan(schedule, tail, offset, decision, picks))
+    value = walk_tree(tree.tables, tree.leaf, tree.leaf_vectors, tree.n_plans, tree.offset, decision, picks, first)
+    return ExactPlan(schedule, float(value), first, tree.decisions(decision, picks))
 
 
 def history_values(schedule: Schedule, history: Iterable[Event] = ()) -> dict[str, float]:
@@ -147,54 +132,3 @@ def history_values(schedule: Schedule, history: Iterable[Event] = ()) -> dict[st
         raise located("history, events", k, f"fewer than {schedule.n_events}: the schedule is over")
     plan = solve_schedule(schedule.rest(k, joint))
     return dict(zip([a.name for a in schedule.mode(k).actions], plan.first_values.tolist(), strict=True))
-
-
-def tree_tables(schedule: Schedule) -> TreeTables:
-    """Tables of a schedule in the layout of the kernels, draws last."""
-    draws, events = schedule.draws, range(schedule.n_events)
-    shape = (schedule.n_states, draws.n_draws, len(schedule.reward))
-    reward = np.broadcast_to(schedule.reward.T[:, None, :], shape)
-    return TreeTables(
-        np.ascontiguousarray(schedule.start().T),
-        np.ascontiguousarray(schedule.discount * np.moveaxis(draws.transition, 0, -1)),
-        np.ascontiguousarray(np.moveaxis(draws.emission, 0, -1)),
-        np.asarray(schedule.protocol.emission_index, dtype=np.int64),
-        np.ascontiguousarray(reward),
-        np.array([schedule.first_action(k) for k in events], dtype=np.int64),
-        np.array([len(schedule.mode(k).actions) for k in events], dtype=np.int64),
-        np.array([schedule.n_outcomes(k) for k in events], dtype=np.int64),
-    )
-
-
-def _leaf_vectors(schedule: Schedule, tail: TailPlans) -> Array:
-    """What the kernel multiplies with at event `leaf`, shape ``[s, d, j]``."""
-    first, actions = schedule.first_action(tail.leaf), len(schedule.mode(tail.leaf).actions)
-    shape = (1, schedule.draws.n_draws, schedule.n_states)
-    blocks = [np.broadcast_to(schedule.reward[first + a], shape) for a in range(actions)]
-    blocks += [
-        followed(schedule, first + a, o, tail.vectors)
-        for a in range(actions)
-        for o in range(schedule.n_outcomes(tail.leaf))
-    ]
-    return np.ascontiguousarray(np.concatenate(blocks).transpose(2, 1, 0))
-
-
-def _plan(
-    schedule: Schedule, tail: TailPlans, offset: NDArray[np.int64], decision: NDArray[np.int8],
-    picks: NDArray[np.int16],
-) -> tuple[NDArray[np.int8], ...]:  # fmt: skip
-    """Decisions along the histories that the plan itself leads to."""
-    out = []
-    histories = np.zeros(1, dtype=np.int64)
-    for k in range(tail.leaf + 1):
-        actions = decision[offset[k] + histories]
-        out.append(actions)
-        if k < tail.leaf:
-            outcomes = schedule.n_outcomes(k)
-            base = (histories * len(schedule.mode(k).actions) + actions) * outcomes
-            histories = (base[:, None] + np.arange(outcomes)).ravel()
-    followers = picks[histories].ravel()
-    for level in tail.plans:
-        out.append(np.array([level[p][0] for p in followers], dtype=np.int8))
-        followers = np.array([q for p in followers for q in level[p][1]], dtype=np.int16)
-    return tuple(out)

@@ -122,7 +122,7 @@ def test_action_values_after_any_history(schedule, data):
 @given(schedules(max_events=5))
 def test_tail_plans_change_nothing(schedule):
     """The walk alone, to the very last event, gives the same."""
-    from models.planning.exact import _leaf_vectors, tree_tables
+    from models.planning.schedule_tree import _leaf_vectors, tree_tables
     from models.planning.tail_plans import TailPlans
 
     last = schedule.n_events - 1

@@ -1,0 +1,1 @@
+"""What the robot should do given doubt: weighted draws of the dynamics feed the planner."""

@@ -1,0 +1,202 @@
+r"""The best plan of a cautious analyst, over randomised history policies, exactly: column generation.
+
+The master problem (`models.robust.master`) mixes the plans found so far and names the draws that the mixture fares
+worst in. One Bayes tree with these weights finds the plan that does best there. When no plan does better than the
+mixture, the mixture is optimal. Both bounds are recomputed from values, outside the linear program: from below the
+criterion of the mixture, from above :math:`\max_\pi \sum_i q_i X_i(\pi)` for weights `q` projected onto their set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from models.errors import located
+from models.planning.schedule import Array, Schedule
+from models.robust.master import mix
+from models.robust.plan_table import Decisions, PlanTable, best_plan, plan_key
+from models.robust.risk import RiskSet
+
+Reference = Literal["nothing", "optimum", "never"]
+"""What outcomes are counted from: nothing (values), the draw's optimum (minus regret), never helping (gain)."""
+
+ITERATIONS = 500
+"""Plans that are looked for at most."""
+
+GAP = 1e-9
+"""Gap at which the search stops, times the largest value (at least 1)."""
+
+SMALLEST_SHARE = 1e-12
+"""Shares of plans below this are left out of a mixture, before its value is computed."""
+
+
+@dataclass(frozen=True)
+class CautiousPlan:
+    r"""A mixture of plans: one is drawn before the first event and followed to the end.
+
+    Attributes
+    ----------
+    schedule : Schedule
+    risk : RiskSet
+    reference : float64[d]
+        What outcomes are counted from.
+    plans : tuple of Decisions
+    share : float64[p]
+        How often each is drawn.
+    values : float64[d]
+        What the mixture is worth in each draw, :math:`\sum_p \lambda_p V_i(\pi_p)`.
+    lower, upper : float
+        The criterion of this mixture, and a bound that no policy exceeds.
+    weight : float64[d]
+        Weights of the draws that the bound was found with.
+    iterations : int
+        Bayes trees that were solved.
+    table : PlanTable
+        All plans looked at.
+    tolerance : float
+        Gap that was wanted.
+    """
+
+    schedule: Schedule
+    risk: RiskSet
+    reference: Array
+    plans: tuple[Decisions, ...]
+    share: Array
+    values: Array
+    lower: float
+    upper: float
+    weight: Array
+    iterations: int
+    table: PlanTable
+    tolerance: float
+
+    @property
+    def gap(self) -> float:
+        """How much better another policy could be, at most."""
+        return self.upper - self.lower
+
+    @property
+    def certified(self) -> bool:
+        """Whether the gap is what was wanted."""
+        return self.gap <= self.tolerance
+
+    @property
+    def mean(self) -> float:
+        """Mean value of the mixture by what is believed."""
+        return float(self.schedule.draws.weight @ self.values)
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether one plan is always followed."""
+        return len(self.plans) == 1
+
+    def best_single(self) -> tuple[Decisions, float]:
+        """The best plan among those looked at that does not randomise, and its criterion."""
+        worth = [self.risk.lowest(v - self.reference)[0] for v in self.table.values]
+        best = int(np.argmax(worth))
+        return self.table.plans[best], worth[best]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The mixture readable: each plan's share, first action, and in how many of its histories it acts how."""
+        s = self.schedule
+        out = []
+        for plan, share in sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1]):
+            actions = {
+                f"event {k + 1} ({s.mode(k).letter})": _levels(level, [a.name for a in s.mode(k).actions])
+                for k, level in enumerate(plan)
+            }
+            out.append({"share": float(share), **actions})
+        return out
+
+
+def _levels(level: Any, names: list[str]) -> str:
+    """Actions of one event in words."""
+    kinds = np.unique(level)
+    if len(kinds) == 1:
+        return names[int(kinds[0])]
+    counts = [f"{names[int(a)]} in {int(np.sum(level == a))}" for a in kinds]
+    return f"{', '.join(counts)} of {len(level)} histories"
+
+
+def cautious_plan(
+    schedule: Schedule,
+    alpha: float = 0.1,
+    *,
+    mean_share: float = 0.0,
+    reference: Array | None = None,
+    start: Sequence[Decisions] | PlanTable = (),
+    tolerance: float | None = None,
+) -> CautiousPlan:
+    r"""Maximise :math:`\kappa\,E[X] + (1 - \kappa)\,\mathrm{CVaR}_\alpha[X]` over randomised history policies.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        With the draws and what is believed of them.
+    alpha : float
+        Share of the draws that counts; 1 is the mean, 0 the worst draw.
+    mean_share : float
+        `kappa`.
+    reference : float64[d], optional
+        What outcomes are counted from: the draws' optima (``own_plans(schedule).values``) for regret, what never
+        helping is worth for the gain; nothing by default.
+    start : sequence of Decisions, or PlanTable
+        Plans to begin with; those of an earlier search save most of the work.
+    tolerance : float, optional
+        Gap that is small enough; ``1e-9 max(1, largest |V|)`` by default.
+
+    Raises
+    ------
+    InputError
+        On a criterion that is none, a reference that does not fit, a schedule with too many histories.
+    """
+    risk = RiskSet(schedule.draws.weight, alpha, mean_share)
+    n = schedule.draws.n_draws
+    against = np.zeros(n) if reference is None else np.asarray(reference, dtype=np.float64)
+    if against.shape != (n,) or not np.isfinite(against).all():
+        raise located("criterion, reference", against.shape, f"{n} finite numbers, one a draw")
+    table = start if isinstance(start, PlanTable) else PlanTable.of(schedule, start)
+    table = table.with_plans([best_plan(schedule, risk.weight)])
+    wanted = GAP * max(1.0, float(np.abs(table.values).max())) if tolerance is None else tolerance
+    lower, upper, iterations = -np.inf, np.inf, 1
+    best: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+    bound_weight = risk.weight
+    while True:
+        found = mix(table.values - against, risk)
+        share = np.where(found.share > SMALLEST_SHARE, found.share, 0.0)
+        share /= share.sum()
+        values = share @ table.values
+        worth, _ = risk.lowest(values - against)
+        if worth > lower:
+            lower, best = worth, (share, values)
+        q = risk.project(found.weight)
+        answer = best_plan(schedule, q)
+        iterations += 1
+        known = len(table.plans)
+        table = table.with_plans([answer])
+        bound = float(q @ (table.values[table.row(answer)] - against))
+        if bound < upper:
+            upper, bound_weight = bound, q
+        # Rounding may put the two a hair the wrong way round.
+        upper = max(upper, lower)
+        if upper - lower <= wanted or len(table.plans) == known or iterations >= ITERATIONS:
+            break
+    share, values = best
+    kept = np.flatnonzero(share > 0)
+    return CautiousPlan(
+        schedule, risk, against, tuple(table.plans[i] for i in kept), share[kept], values, lower, upper,
+        bound_weight, iterations, table, wanted,
+    )  # fmt: skip
+
+
+def same_plan(a: Decisions, b: Decisions) -> bool:
+    """Whether two plans are the same."""
+    return plan_key(a) == plan_key(b)
+
+
+def with_weight(schedule: Schedule, weight: Array) -> Schedule:
+    """The schedule with other weights of its draws."""
+    return replace(schedule, draws=replace(schedule.draws, weight=weight))

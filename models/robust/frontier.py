@@ -1,0 +1,115 @@
+"""What caution costs on average and buys in the lower tail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from models.planning.schedule import Array, Schedule
+from models.robust.cautious import CautiousPlan, cautious_plan
+from models.robust.plan_table import PlanTable
+from models.robust.risk import cvar
+
+LEVELS = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.01)
+"""Shares of the draws that the frontier is drawn at."""
+
+
+@dataclass(frozen=True)
+class Frontier:
+    r"""Best plans from the mean to the tail.
+
+    Attributes
+    ----------
+    schedule : Schedule
+    plans : tuple of CautiousPlan
+        One a level.
+    bayes_tail : tuple of float
+        :math:`\mathrm{CVaR}` of the Bayes-adaptive plan at each level.
+    """
+
+    schedule: Schedule
+    plans: tuple[CautiousPlan, ...]
+    bayes_tail: tuple[float, ...]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row a level: criterion, gap, mean, tail (also of the Bayes-adaptive plan), size of the mixture."""
+        return [
+            {
+                "alpha": p.risk.alpha, "mean_share": p.risk.mean_share, "criterion": p.lower, "gap": p.gap,
+                "mean": p.mean, "cvar": tail(p), "bayes_cvar": bayes, "plans": len(p.plans),
+                "iterations": p.iterations, "certified": p.certified,
+            }
+            for p, bayes in zip(self.plans, self.bayes_tail, strict=True)
+        ]  # fmt: skip
+
+    @property
+    def table(self) -> Any:
+        """`rows` as a data frame."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows())
+
+    @property
+    def largest_gain(self) -> tuple[float, float]:
+        """Largest gain in the tail over the Bayes-adaptive plan, and its level."""
+        gains = [(tail(p) - bayes, p.risk.alpha) for p, bayes in zip(self.plans, self.bayes_tail, strict=True)]
+        return max(gains)
+
+    @property
+    def sentence(self) -> str:
+        """Whether caution changes anything, and what it costs."""
+        scale = max(1.0, abs(self.plans[0].mean))
+        gain, alpha = self.largest_gain
+        if gain <= 1e-9 * scale:
+            return "The Bayes-adaptive plan is also the cautious plan at every level: caution changes nothing here."
+        at = next(p for p in self.plans if p.risk.alpha == alpha)
+        cost = max(p.mean for p in self.plans) - at.mean
+        small = (
+            " That is little: the spread of values comes from what people are like." if gain < 0.01 * scale else ""
+        )
+        return (
+            f"Caution buys at most {gain:.2g} reward units in the worst {alpha:.0%} of the draws and costs "
+            f"{cost:.2g} on average there.{small}"
+        )
+
+
+def tail(plan: CautiousPlan) -> float:
+    r""":math:`\mathrm{CVaR}` of a cautious plan at its own level, without the share of the mean."""
+    return cvar(plan.values - plan.reference, plan.risk.weight, plan.risk.alpha)
+
+
+def frontier(
+    schedule: Schedule,
+    levels: Sequence[float] = LEVELS,
+    *,
+    mean_shares: Sequence[float] = (),
+    reference: Array | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Frontier:
+    """Cautious plans from the mean to the tail; plans found at one level start the next.
+
+    Parameters
+    ----------
+    schedule : Schedule
+    levels : sequence of float
+        Shares of the draws that count.
+    mean_shares : sequence of float, optional
+        With one level: shares of the mean in the criterion, the classical frontier of mean against CVaR.
+    reference : float64[d], optional
+        As in `models.robust.cautious.cautious_plan`.
+    progress : callable, optional
+        Called with plans done and plans in all.
+    """
+    settings = [(a, k) for a in levels for k in (mean_shares or (0.0,))]
+    bayes = cautious_plan(schedule, 1.0, reference=reference)
+    table: PlanTable = bayes.table
+    plans = []
+    for i, (alpha, kappa) in enumerate(settings):
+        found = cautious_plan(schedule, alpha, mean_share=kappa, reference=reference, start=table)
+        table = found.table
+        plans.append(found)
+        if progress is not None:
+            progress(i + 1, len(settings))
+    outcomes = bayes.values - bayes.reference
+    return Frontier(schedule, tuple(plans), tuple(cvar(outcomes, bayes.risk.weight, a) for a, _ in settings))

@@ -1,0 +1,142 @@
+r"""Plans over a schedule and what each is worth in every draw: :math:`V_i(\pi)`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import located
+from models.planning.exact import ExactPlan, solve_schedule
+from models.planning.schedule import Array, Schedule
+from models.planning.schedule_tree import tree_tables
+from models.robust.plan_kernel import plan_values
+
+Decisions = tuple[NDArray[np.int8], ...]
+"""Action of each event by the number of the responses so far, as in `models.planning.exact.ExactPlan`."""
+
+
+def unweighted(schedule: Schedule) -> Schedule:
+    """The schedule with equal weights of its draws: what kernels work on that keep draws apart."""
+    n = schedule.draws.n_draws
+    return replace(schedule, draws=replace(schedule.draws, weight=np.full(n, 1.0 / n)))
+
+
+def best_plan(schedule: Schedule, weight: Array) -> Decisions:
+    """The best plan for other weights of the draws: one Bayes tree over the draws that have weight.
+
+    Parameters
+    ----------
+    schedule : Schedule
+    weight : float64[d]
+        Non-negative; need not sum to one.
+    """
+    keep = np.flatnonzero(weight > 0)
+    d = schedule.draws
+    if len(keep) < d.n_draws:
+        d = replace(d, initial=d.initial[keep], transition=d.transition[keep], emission=d.emission[keep],
+                    weight=weight[keep] / weight[keep].sum())  # fmt: skip
+    else:
+        d = replace(d, weight=weight / weight.sum())
+    return solve_schedule(replace(schedule, draws=d)).decisions
+
+
+class PlanEvaluator:
+    """Values of plans in every draw of a schedule; the layout of the draws is made once.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        Weights of its draws do not matter here.
+    """
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.schedule = schedule
+        tables = tree_tables(schedule)
+        self._tables = tables._replace(start=np.ascontiguousarray(schedule.draws.initial.T))
+        self._terminal = np.zeros(schedule.n_states) if schedule.terminal is None else schedule.terminal
+        sizes = [1]
+        for k in range(schedule.n_events - 1):
+            sizes.append(sizes[-1] * schedule.n_outcomes(k))
+        self._sizes = sizes
+
+    def values(self, decisions: Decisions) -> Array:
+        """Value of one plan in every draw, shape ``[d]``.
+
+        Raises
+        ------
+        InputError
+            If the plan does not fit the schedule.
+        """
+        s = self.schedule
+        for k, size in enumerate(self._sizes):
+            level = decisions[k] if k < len(decisions) else np.zeros(0)
+            top = len(s.mode(k).actions)
+            if level.shape != (size,) or np.any(level < 0) or np.any(level >= top):
+                raise located(f"plan, event {k}, decisions", np.asarray(level).tolist(), f"{size} below {top}")
+        out = np.empty(s.draws.n_draws)
+        begins = np.concatenate([[0], np.cumsum(self._sizes)[:-1]]).astype(np.int64)
+        plan_values(self._tables, self._terminal, begins, np.concatenate(decisions).astype(np.int8), out)
+        return out
+
+
+@dataclass(frozen=True)
+class PlanTable:
+    r"""Plans of one schedule side by side.
+
+    Attributes
+    ----------
+    schedule : Schedule
+        Its weights are what is believed of the draws.
+    plans : tuple of Decisions
+    values : float64[p, d]
+        :math:`V_i(\pi_p)`.
+    """
+
+    schedule: Schedule
+    plans: tuple[Decisions, ...]
+    values: Array
+
+    @classmethod
+    def of(cls, schedule: Schedule, plans: Iterable[Decisions | ExactPlan]) -> PlanTable:
+        """Evaluate plans in every draw; equal plans are kept once."""
+        table = cls(schedule, (), np.zeros((0, schedule.draws.n_draws)))
+        return table.with_plans([p.decisions if isinstance(p, ExactPlan) else p for p in plans])
+
+    def with_plans(self, plans: Sequence[Decisions]) -> PlanTable:
+        """The table with more plans, those it lacks."""
+        known = {plan_key(p) for p in self.plans}
+        new: dict[bytes, Decisions] = {}
+        for plan in plans:
+            key = plan_key(plan)
+            if key not in known:
+                new.setdefault(key, plan)
+        if not new:
+            return self
+        rows = [self.evaluator.values(p) for p in new.values()]
+        out = replace(self, plans=(*self.plans, *new.values()), values=np.vstack([self.values, *rows]))
+        out.__dict__["evaluator"] = self.evaluator
+        return out
+
+    @cached_property
+    def evaluator(self) -> PlanEvaluator:
+        """What evaluates further plans."""
+        return PlanEvaluator(self.schedule)
+
+    def row(self, plan: Decisions) -> int:
+        """Number of a plan in the table, -1 if it is not there."""
+        key = plan_key(plan)
+        return next((i for i, p in enumerate(self.plans) if plan_key(p) == key), -1)
+
+    @property
+    def means(self) -> Array:
+        """Mean value of each plan by what is believed, shape ``[p]``."""
+        return np.asarray(self.values @ self.schedule.draws.weight)
+
+
+def plan_key(plan: Decisions) -> bytes:
+    """What tells plans apart."""
+    return b"".join(level.tobytes() for level in plan)

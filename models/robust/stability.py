@@ -1,0 +1,197 @@
+r"""How sure is each decision of a plan: what the draws would do at the same place, and what the robot has learned.
+
+At every history that the plan leads to, each draw says what it would do and what every action is worth to it, all
+later decisions being its own best. Its opinion depends on the belief about the person. By default every draw holds
+its own belief there, the one its own tables give after this history; with a `tracker` all hold the belief of that
+one model, as a robot does that filters with fixed tables.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models.errors import located
+from models.lspomdp import LatentStatePOMDP
+from models.planning.exact import ExactPlan
+from models.planning.schedule import Array, Schedule
+from models.robust.own_plans import own_plans
+from models.robust.plan_table import Decisions
+
+
+@dataclass(frozen=True)
+class Standing:
+    r"""One decision of a plan.
+
+    Attributes
+    ----------
+    event : int
+    mode : str
+    responses : tuple of str
+        Those before the event.
+    probability : float
+        Of this history under the plan, by what is believed.
+    action : str
+        What the plan does.
+    share : dict of str to float
+        Share of the draws, weighted by what is believed of them after this history, that prefer each action.
+    loss : dict of str to float
+        Expected loss of each action against the best of each draw, in reward units of that event.
+    effective_draws : float
+        Effective number of draws after this history, :math:`1 / \sum_i w_i^2`.
+    information : float
+        What the history has told of the draws, in bits (relative entropy from before the first event).
+    weight : float64[d]
+        What is believed of the draws after this history.
+    """
+
+    event: int
+    mode: str
+    responses: tuple[str, ...]
+    probability: float
+    action: str
+    share: dict[str, float]
+    loss: dict[str, float]
+    effective_draws: float
+    information: float
+    weight: Array
+
+
+@dataclass(frozen=True)
+class Stability:
+    """All decisions of a plan.
+
+    Attributes
+    ----------
+    schedule : Schedule
+    beliefs : str
+        Whose beliefs the draws act on.
+    standings : tuple of Standing
+    """
+
+    schedule: Schedule
+    beliefs: str
+    standings: tuple[Standing, ...]
+
+    @property
+    def table(self) -> Any:
+        """One row a decision, as a data frame."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "event": x.event + 1, "mode": x.mode, "responses": ", ".join(x.responses) or "-",
+                    "probability": x.probability, "action": x.action, "agree": x.share[x.action],
+                    "loss": x.loss[x.action], "effective_draws": x.effective_draws, "information": x.information,
+                }
+                for x in self.standings
+            ]
+        )  # fmt: skip
+
+    @property
+    def agreement(self) -> float:
+        """Mean share of the draws that agree with the plan, over its events and histories."""
+        chance = np.array([x.probability for x in self.standings])
+        agree = np.array([x.share[x.action] for x in self.standings])
+        return float(chance @ agree / chance.sum())
+
+    @property
+    def sentence(self) -> str:
+        """The first decision, the least sure one, and what is learned on the way."""
+        first = self.standings[0]
+        likely = [x for x in self.standings if x.probability >= 0.01]
+        least = min(likely, key=lambda x: x.share[x.action])
+        end = [x for x in self.standings if x.event == self.schedule.n_events - 1]
+        bits = sum(x.probability * x.information for x in end) / sum(x.probability for x in end)
+        after = f" after {', '.join(least.responses)}" if least.responses else ""
+        return (
+            f"{first.action} first is right in {first.share[first.action]:.0%} of the draws; being wrong costs "
+            f"{first.loss[first.action]:.2g} on average. The least sure decision is {least.action} at event "
+            f"{least.event + 1}{after} ({least.share[least.action]:.0%} agree, expected loss "
+            f"{least.loss[least.action]:.2g}). By the last event the responses have told {bits:.2g} bits of "
+            "the draws."
+        )
+
+
+def decision_stability(
+    schedule: Schedule,
+    plan: ExactPlan | Decisions,
+    tracker: LatentStatePOMDP | None = None,
+    executor: Executor | None = None,
+) -> Stability:
+    """What the draws say to every decision of a plan.
+
+    Parameters
+    ----------
+    schedule : Schedule
+    plan : ExactPlan or Decisions
+    tracker : LatentStatePOMDP, optional
+        Model whose belief all draws act on; each draw's own by default.
+    executor : concurrent.futures.Executor, optional
+
+    Raises
+    ------
+    InputError
+        If the tracker has other states or another protocol than the draws, or takes a history for impossible.
+    """
+    decisions = plan.decisions if isinstance(plan, ExactPlan) else plan
+    follower = None
+    if tracker is not None:
+        if tracker.n_states != schedule.n_states or tracker.protocol != schedule.protocol:
+            found = f"{tracker.n_states} states, protocol {tracker.protocol.name}"
+            raise located("stability, tracker", found, f"{schedule.n_states} states, the protocol of the draws")
+        follower = replace(Schedule.of(tracker, "".join(m.letter for m in schedule.protocol.modes)),
+                           modes=schedule.modes)  # fmt: skip
+    prior = schedule.draws.weight
+    out: list[Standing] = []
+    level: list[tuple[tuple[str, ...], Array, Array | None]] = [
+        ((), schedule.start(), None if follower is None else follower.start())
+    ]
+    names = schedule.protocol.response_names
+    for k in range(schedule.n_events):
+        mode, after = schedule.mode(k), []
+        for number, (responses, joint, belief) in enumerate(level):
+            choice = int(decisions[k][number])
+            action = schedule.first_action(k) + choice
+            total = float(joint.sum())
+            if total > 0:
+                out.append(
+                    _standing(schedule, k, responses, joint, belief, mode.actions[choice].name, prior, executor)
+                )
+            for o in range(schedule.n_outcomes(k)):
+                seen = o if mode.shows_response else None
+                next_belief = None
+                if follower is not None and belief is not None:
+                    next_belief = follower.after(belief, action, seen)
+                told = (*responses, names[o]) if mode.shows_response else responses
+                after.append((told, schedule.after(joint, action, seen), next_belief))
+        level = after
+    whose = "each draw's own" if tracker is None else "those of one fixed model"
+    return Stability(schedule, whose, tuple(out))
+
+
+def _standing(
+    schedule: Schedule, k: int, responses: tuple[str, ...], joint: Array, belief: Array | None, action: str,
+    prior: Array, executor: Executor | None,
+) -> Standing:  # fmt: skip
+    rest = schedule.rest(k, joint)
+    weight = rest.draws.weight
+    if belief is not None:
+        mass = belief.sum()
+        if mass <= 0:
+            raise located(
+                "stability, tracker", f"probability zero for {', '.join(responses)}", "a possible history"
+            )
+        same = np.broadcast_to(belief[0] / mass, rest.draws.initial.shape)
+        rest = replace(rest, draws=replace(rest.draws, initial=np.ascontiguousarray(same)))
+    own = own_plans(rest, executor)
+    positive = weight > 0
+    bits = max(0.0, float(np.sum(weight[positive] * np.log2(weight[positive] / prior[positive]))))
+    return Standing(
+        k, schedule.mode(k).name, responses, float(joint.sum()), action, own.first_action_shares,
+        own.first_action_losses, float(1 / np.sum(weight**2)), bits, weight,
+    )  # fmt: skip

@@ -37,8 +37,10 @@ def build() -> typer.Typer:
         cli_plan,
         cli_power,
         cli_recover,
+        cli_replicate,
         cli_report,
         cli_solve,
+        cli_solve_draws,
     )
 
     app = typer.Typer(
@@ -62,7 +64,9 @@ def build() -> typer.Typer:
     app.command("anova")(cli_anova.anova_command)
     app.command("plan")(cli_plan.plan_command)
     app.command("solve")(cli_solve.solve_command)
+    app.command("solve-draws")(cli_solve_draws.solve_draws_command)
     app.add_typer(cli_power.power, name="power")
+    app.add_typer(cli_replicate.replicate, name="replicate")
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)
     return app

@@ -16,8 +16,12 @@ from numpy.typing import NDArray
 
 from models.errors import located
 from models.planning.history_kernel import walk_tree
-from models.planning.schedule_tree import schedule_tree
 from models.planning.schedule import Array, Event, Schedule
+from models.planning.schedule_tree import schedule_tree
+
+
+Decisions = tuple[NDArray[np.int8], ...]
+"""A plan: the action of each event, counted within it, by the number of the responses so far."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class ExactPlan:
     schedule: Schedule
     value: float
     first_values: Array
-    decisions: tuple[NDArray[np.int8], ...]
+    decisions: Decisions
 
     @property
     def first_action(self) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from models.planning.baselines import ModePolicy, Reciprocal
 from models.planning.belief_model import ANY_MODE, TOLERANCE, BeliefModel, Outcome
 from models.planning.belief_policy import Myopic
 from models.planning.controller import FiniteStateController
+from models.planning.mixed_policy import MixedPolicy
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Array, Policy, Vocabulary
 from models.protocol import Protocol
@@ -118,7 +119,15 @@ def _reciprocal(place: str, content: Mapping[str, Any], name: str) -> Reciprocal
     return Reciprocal(protocol, literal=_entry(place, content, "literal", bool), name=name)
 
 
-def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
+class _Rounds(NamedTuple):
+    """Schedule of a plan: names, mode of each event, responses that each event may show."""
+
+    words: Vocabulary
+    modes: tuple[int, ...]
+    outcomes: tuple[int, ...]
+
+
+def _rounds(place: str, content: Mapping[str, Any]) -> _Rounds:
     words = _vocabulary(place, content)
     modes = tuple(_whole(f"{place}, modes", content.get("modes"), 1).tolist())
     for k, m in enumerate(modes):
@@ -128,16 +137,36 @@ def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
     shown = len(words.observations) - 1
     if any(o not in (1, shown) for o in outcomes):
         raise located(f"{place}, outcomes", list(outcomes), f"1 or {shown} an event")
-    decisions = _entry(place, content, "decisions", list)
-    if not modes or not len(modes) == len(outcomes) == len(decisions):
-        found = Phrase(f"{len(modes)} modes, {len(outcomes)} outcomes, {len(decisions)} decisions")
-        raise located(place, found, "one of each an event, at least one")
+    if not modes or len(modes) != len(outcomes):
+        raise located(place, Phrase(f"{len(modes)} modes, {len(outcomes)} outcomes"), "one an event, at least one")
+    return _Rounds(words, modes, outcomes)
+
+
+def _decisions(place: str, decisions: list[Any], events: int) -> tuple[Any, ...]:
+    if len(decisions) != events:
+        raise located(place, Phrase(f"{events} modes, {len(decisions)} decisions"), "one of each an event")
     levels = []
     for k, level in enumerate(decisions):
         chosen = _whole(f"{place}, decisions, event {k}", level, 1)
         if np.any((chosen < 0) | (chosen > 127)):
             raise located(f"{place}, decisions, event {k}", chosen.tolist(), "numbers of actions")
         levels.append(chosen.astype(np.int8))
+    return tuple(levels)
+
+
+def _mixed_plan(place: str, content: Mapping[str, Any], name: str) -> MixedPolicy:
+    words, modes, outcomes = _rounds(place, content)
+    plans = _entry(place, content, "plans", list)
+    for p, plan in enumerate(plans):
+        if not isinstance(plan, list):
+            raise located(f"{place}, plan {p}", plan, "a list of decisions")
+    levels = [_decisions(f"{place}, plan {p}", plan, len(modes)) for p, plan in enumerate(plans)]
+    return MixedPolicy(words, modes, outcomes, levels, _real(f"{place}, share", content.get("share"), 1), name)
+
+
+def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
+    words, modes, outcomes = _rounds(place, content)
+    levels = _decisions(place, _entry(place, content, "decisions", list), len(modes))
     schedule = None
     if content.get("schedule") is not None:
         from models.planning.schedule import Schedule
@@ -151,12 +180,12 @@ def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
         )  # fmt: skip
         if Vocabulary.of(schedule.protocol) != words:
             raise located(f"{place}, schedule, protocol", schedule.protocol.name, "the plan's modes and actions")
-    return PlanPolicy(words, modes, tuple(levels), outcomes, schedule, name)
+    return PlanPolicy(words, modes, levels, outcomes, schedule, name)
 
 
 KINDS: dict[str, Callable[[str, Mapping[str, Any], str], Policy]] = {
-    "alpha": _alpha, "by_mode": _by_mode, "controller": _controller, "myopic": _myopic, "plan": _plan,
-    "reciprocal": _reciprocal,
+    "alpha": _alpha, "by_mode": _by_mode, "controller": _controller, "mixed_plan": _mixed_plan, "myopic": _myopic,
+    "plan": _plan, "reciprocal": _reciprocal,
 }  # fmt: skip
 """How each kind of policy is read; a new kind is a `to_dict` and a line here."""
 

@@ -15,13 +15,13 @@ from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.baselines import baselines
 from models.planning.evaluation import evaluate_schedule
-from models.planning.exact import solve_schedule
+from models.planning.exact import Decisions, solve_schedule
 from models.planning.policies import Policy
 from models.planning.schedule import Array, Schedule
 from models.robust.cautious import cautious_plan
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
-from models.robust.plan_table import Decisions, PlanEvaluator, PlanTable
+from models.robust.plan_table import PlanEvaluator, PlanTable
 
 MOST_OWN = 64
 """Own plans of draws, the most believed ones, among which the best fixed model is looked for."""

@@ -15,9 +15,10 @@ from typing import Any, Literal
 import numpy as np
 
 from models.errors import located
+from models.planning.exact import Decisions
 from models.planning.schedule import Array, Schedule
 from models.robust.master import mix
-from models.robust.plan_table import Decisions, PlanTable, best_plan, plan_key
+from models.robust.plan_table import PlanTable, best_plan, plan_key
 from models.robust.risk import RiskSet
 
 Reference = Literal["nothing", "optimum", "never"]

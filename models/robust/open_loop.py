@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.planning.exact import solve_schedule
+from models.planning.exact import Decisions, solve_schedule
 from models.planning.schedule import Schedule
-from models.robust.plan_table import Decisions
 
 
 def open_loop(schedule: Schedule) -> Decisions:

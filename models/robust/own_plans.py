@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from models.planning.exact import Decisions
 from models.planning.schedule import Array, Schedule
 from models.planning.schedule_tree import ScheduleTree, schedule_tree
 from models.robust.plan_kernel import own_optima
-from models.robust.plan_table import Decisions, unweighted
+from models.robust.plan_table import unweighted
 from models.robust.spread_out import chunks, spread_out
 
 CHUNK = 512

@@ -7,16 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.errors import located
-from models.planning.exact import ExactPlan, solve_schedule
+from models.planning.exact import Decisions, ExactPlan, solve_schedule
 from models.planning.schedule import Array, Schedule
 from models.planning.schedule_tree import tree_tables
 from models.robust.plan_kernel import plan_values
-
-Decisions = tuple[NDArray[np.int8], ...]
-"""Action of each event by the number of the responses so far, as in `models.planning.exact.ExactPlan`."""
 
 
 def unweighted(schedule: Schedule) -> Schedule:

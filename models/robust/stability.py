@@ -16,10 +16,9 @@ import numpy as np
 
 from models.errors import located
 from models.lspomdp import LatentStatePOMDP
-from models.planning.exact import ExactPlan
+from models.planning.exact import Decisions, ExactPlan
 from models.planning.schedule import Array, Schedule
 from models.robust.own_plans import own_plans
-from models.robust.plan_table import Decisions
 
 
 @dataclass(frozen=True)

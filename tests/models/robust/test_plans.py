@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from models.errors import InputError
 from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import solve_schedule
+from models.planning.mixed_policy import MixedPolicy
 from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
-from models.robust.mixed_policy import MixedPolicy
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanEvaluator, PlanTable, best_plan
 from models.robust.stability import decision_stability
+from tests.models.planning.policy_conformance import conforms
 from tests.models.planning.schedule_cases import schedules
 from tests.models.robust.cases import few_plans
 from tests.planning_cases import sticky_draws
@@ -193,3 +194,13 @@ def test_a_mixture_knows_which_plans_are_still_possible():
     one = MixedPolicy.of(schedule, [never], [1.0])
     with pytest.raises(InputError, match="none of its plans"):
         one.observe(one.begin(schedule.modes[0]), 1, 0, schedule.modes[1])
+
+
+def test_a_mixture_is_a_policy_like_any_other(tmp_path):
+    model = sticky_draws(1, 3).model(0)
+    schedule = Schedule.of(model, "HRHRH")
+    plans, _ = all_plans(Schedule.of(model, "HRH"))
+    rest = (np.array([0, 1, 1, 0], np.int8),) * 2
+    grown = [(*plan, *rest) for plan in plans]
+    policy = MixedPolicy.of(schedule, [grown[i] for i in (0, 5, 9)], [0.2, 0.3, 0.5])
+    conforms(policy, model, schedule.modes, tmp_path)

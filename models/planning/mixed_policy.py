@@ -8,14 +8,16 @@ histories, and so the same values in every model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from models.errors import InputError, Phrase, located
 from models.planning.policies import Array, Policy, Vocabulary
-from models.planning.schedule import Schedule
-from models.robust.plan_table import Decisions
+
+if TYPE_CHECKING:
+    from models.planning.exact import Decisions
+    from models.planning.schedule import Schedule
 
 
 class MixedMemory(NamedTuple):

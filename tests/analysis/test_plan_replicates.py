@@ -66,7 +66,9 @@ def test_settings_that_are_none(change, match):
 def test_the_command_writes_what_is_needed_to_repeat_it(tmp_path, monkeypatch, report):
     monkeypatch.setattr("analysis.plan_replicates.replicate_plans", lambda settings, progress: report)
     out = tmp_path / "plans.json"
-    main(["replicate", "plans", "--replicates", "3", "--quiet", "--out", str(out)])
+    with pytest.raises(SystemExit) as stop:
+        main(["replicate", "plans", "--replicates", "3", "--quiet", "--out", str(out)])
+    assert not stop.value.code
     content = json.loads(out.read_text())
     assert content["command"].startswith("prosocial replicate plans --states 2 --replicates 3")
     assert "simulated" in content["what"]

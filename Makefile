@@ -25,6 +25,10 @@ evidence: env ## Make anew the stored evidence, calibration and recovery (an hou
 	$(BIN)/prosocial calibrate --states 2,3 --replicates 200,100 --out reports/evidence/calibration.json
 	$(BIN)/prosocial calibrate --people-differ --replicates 100 --out reports/evidence/calibration_people.json
 	$(BIN)/prosocial recover --states 1-5 --select --replicates 50 --out reports/evidence/recovery.json
+	$(BIN)/prosocial coverage --studies 500 --out reports/evidence/mixed_model.json
+	$(BIN)/prosocial power mixed-model --out reports/evidence/power_mixed_model.json
+	$(BIN)/prosocial power contraction --out reports/evidence/power_contraction.json
+	$(BIN)/prosocial replicate plans --replicates 400 --out reports/evidence/plans_in_truth.json
 
 notebooks: env ## Run every notebook and store its output
 	$(BIN)/python -m analysis.notebooks $(ARGS)

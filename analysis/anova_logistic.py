@@ -2,11 +2,19 @@
 
 The variance of a binary outcome depends on its mean and effects act on a bounded scale, both of which an analysis
 of variance ignores. Here the same three effects are tested by likelihood ratios in logistic models with a normal
-intercept for every person (`models.glmm`), each effect against the model with all others of its order (Type II).
+intercept for every person (`models.glmm`), and as there in two types:
+
+- **Type III**: the model with all effects against the one without the effect's columns, coded to sum to zero over
+  groups and times; asks for the effect on the mean log-odds of the cells, every cell counting the same;
+- **Type II**: the model of both main effects, without interaction, against the one without the effect.
+
+The test of the interaction is the same in both. Unlike in an analysis of variance, the main effects of a balanced
+design are not: log-odds do not average like means.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +24,7 @@ from numpy.typing import NDArray
 
 from analysis.repeated_measures import RepeatedMeasures
 from models.errors import Phrase, located
+from models.glmm_warnings import CeilingWarning, SeparationWarning
 
 Array = NDArray[np.float64]
 
@@ -27,58 +36,112 @@ class LogisticTwin:
     Attributes
     ----------
     table : DataFrame
-        One row an effect: ``effect, chi_squared, df, p``; NaN where one of the two models has no maximum.
+        One row an effect: ``effect, chi_squared, df, p``, and ``full, restricted``: the terms of the two models;
+        NaN where one of them has no maximum.
     sd : float
         Standard deviation of the intercepts in the model with all effects, on the logit scale.
     notes : tuple of str
         What the fits warn of.
+    ss_type : int
+        2 or 3.
     """
 
     table: pd.DataFrame
     sd: float
     notes: tuple[str, ...]
+    ss_type: int
+
+    @property
+    def title(self) -> str:
+        """What the tests are."""
+        return f"Logistic mixed model, likelihood-ratio tests (Type {'II' if self.ss_type == 2 else 'III'})"
 
 
-def logistic_twin(data: RepeatedMeasures) -> LogisticTwin:
+def logistic_twin(data: RepeatedMeasures, ss_type: int = 3) -> LogisticTwin:
     """Test group, time and their interaction.
+
+    Parameters
+    ----------
+    data : RepeatedMeasures
+    ss_type : {3, 2}
+        As for `analysis.anova.mixed_anova`.
 
     Raises
     ------
     InputError
-        For an outcome that is not 0 or 1.
+        For an outcome that is not 0 or 1, or another type.
     """
+    if ss_type not in (2, 3):
+        raise located("type of the tests", ss_type, "2 or 3")
     if not data.binary:
         wrong = data.score[~np.isin(data.score, (0.0, 1.0))][0]
         raise located(f"column {data.dv}", wrong, "0 or 1")
     n, m = data.score.shape
-    group = np.repeat(np.eye(len(data.groups))[data.group][:, 1:], m, axis=0)
-    time = np.tile(np.eye(m)[:, 1:], (n, 1))
-    both = np.einsum("ij,ik->ijk", group, time).reshape(n * m, -1)
-    one = np.ones((n * m, 1))
-    fits = {
-        "time": _fit(data, [one, time]),
-        "group": _fit(data, [one, group]),
-        "additive": _fit(data, [one, group, time]),
-        "all": _fit(data, [one, group, time, both]),
+    k = len(data.groups)
+    group = np.repeat(_sum_to_zero(k)[data.group], m, axis=0)
+    time = np.tile(_sum_to_zero(m), (n, 1))
+    terms = {
+        data.between: group,
+        data.within: time,
+        f"{data.between}:{data.within}": np.einsum("ij,ik->ijk", group, time).reshape(n * m, -1),
     }
-    pairs = (
-        (data.between, "additive", "time"),
-        (data.within, "additive", "group"),
-        (f"{data.between}:{data.within}", "all", "additive"),
-    )
+    between, within, both = terms
+    every = (between, within, both)
+    main = every if ss_type == 3 else (between, within)
+    pairs = {effect: (main, tuple(t for t in main if t != effect)) for effect in (between, within)}
+    pairs[both] = (every, (between, within))
+    wanted = dict.fromkeys((every, *(model for pair in pairs.values() for model in pair)))
+    fits = {model: _fit(data, [np.ones((n * m, 1)), *(terms[t] for t in model)]) for model in wanted}
     rows = []
-    for effect, large, small in pairs:
+    for effect, (large, small) in pairs.items():
         full, restricted = fits[large], fits[small]
         df = full.model.exog.shape[1] - restricted.model.exog.shape[1]
         lr = p = np.nan
         if full.converged and restricted.converged:
             lr, p, df = full.compare_lr_test(restricted)
-        rows.append({"effect": effect, "chi_squared": lr, "df": df, "p": p})
-    notes = tuple(dict.fromkeys(note.text for fit in fits.values() for note in fit.notes))
-    lost = [name for name, fit in fits.items() if not fit.converged]
+        told = {"full": " + ".join(large), "restricted": " + ".join(small)}
+        rows.append({"effect": effect, "chi_squared": lr, "df": df, "p": p, **told})
+    notes = _notes(data, fits)
+    if ss_type == 3 and not fits[every].converged:
+        notes += ("Tests of the main effects of Type II do without the model of all effects.",)
+    return LogisticTwin(pd.DataFrame(rows), float(fits[every].sd), notes, ss_type)
+
+
+def _notes(data: RepeatedMeasures, fits: Mapping[tuple[str, ...], Any]) -> tuple[str, ...]:
+    """What the fits warn of, said once and of which models; cells by their names, not by columns of a design."""
+    flat = _cells_with_one_outcome(data)
+    notes = []
+    if flat:
+        notes.append(
+            f"Only one value of {data.dv} in {'; '.join(flat)}: an effect that needs such a cell has no finite "
+            "estimate, and its test is left out or rests on the other cells."
+        )
+    told: dict[str, list[str]] = {}
+    for model, fit in fits.items():
+        for note in fit.notes:
+            if note.category not in (SeparationWarning, CeilingWarning):
+                told.setdefault(note.text, []).append(" + ".join(model))
+    for text, models in told.items():
+        notes.append(text if len(models) == len(fits) else f"Model with {', '.join(models)}: {text}")
+    lost = [" + ".join(model) for model, fit in fits.items() if not fit.converged]
     if lost:
-        notes += (f"No maximum was found for the model with {', '.join(lost)}: tests with it are left out.",)
-    return LogisticTwin(pd.DataFrame(rows), float(fits["all"].sd), notes)
+        notes.append(f"No maximum was found for the model with {', '.join(lost)}: tests with it are left out.")
+    return tuple(notes)
+
+
+def _cells_with_one_outcome(data: RepeatedMeasures) -> list[str]:
+    out = []
+    for g, group in enumerate(data.groups):
+        for t, time in enumerate(data.times):
+            values = data.score[data.group == g, t]
+            if np.ptp(values) == 0:
+                out.append(f"{data.between} {group} at {data.within} {time} (all {len(values)} are {values[0]:g})")
+    return out
+
+
+def _sum_to_zero(levels: int) -> Array:
+    """Columns of a factor that sum to zero over its levels, ``[level, levels - 1]``."""
+    return np.vstack([np.eye(levels - 1), -np.ones(levels - 1)])
 
 
 def _fit(data: RepeatedMeasures, parts: list[Array]) -> Any:

@@ -30,6 +30,7 @@ def build() -> typer.Typer:
         cli_bench,
         cli_calibrate,
         cli_compare,
+        cli_coverage,
         cli_data,
         cli_em,
         cli_fits,
@@ -39,6 +40,7 @@ def build() -> typer.Typer:
         cli_recover,
         cli_replicate,
         cli_report,
+        cli_robust,
         cli_solve,
         cli_solve_draws,
     )
@@ -58,12 +60,14 @@ def build() -> typer.Typer:
     app.command("bayes")(cli_bayes.bayes_command)
     app.command("calibrate")(cli_calibrate.calibrate_command)
     app.command("recover")(cli_recover.recover_command)
+    app.command("coverage")(cli_coverage.coverage_command)
     app.add_typer(cli_fits.fits, name="fits")
     app.command("compare")(cli_compare.compare_command)
     app.command("glmm")(cli_glmm.glmm_command)
     app.command("anova")(cli_anova.anova_command)
     app.command("plan")(cli_plan.plan_command)
     app.command("solve")(cli_solve.solve_command)
+    app.command("robust")(cli_robust.robust_command)
     app.command("solve-draws")(cli_solve_draws.solve_draws_command)
     app.add_typer(cli_power.power, name="power")
     app.add_typer(cli_replicate.replicate, name="replicate")

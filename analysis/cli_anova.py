@@ -34,11 +34,20 @@ def anova_command(
     within: Annotated[str, typer.Option("--within", metavar="COLUMN", help="The time of each row.")],
     subject: Annotated[str, typer.Option("--subject", metavar="COLUMN", help="The person.")],
     ss_type: Annotated[
-        int, typer.Option("--type", min=2, max=3, help="Sums of squares; matters where groups differ in size.")
+        int,
+        typer.Option(
+            "--type",
+            min=2,
+            max=3,
+            help="Type of the tests: matters where groups differ in size, and for the logistic model.",
+        ),
     ] = 3,
     times: Annotated[
         str | None,
-        typer.Option(metavar="FIRST,...,LAST", help="Times that are used, in this order; all by default."),
+        typer.Option(
+            metavar="FIRST,...,LAST",
+            help="Times that are used, in this order; by default all, numbers by value and words as they appear.",
+        ),
     ] = None,
     posthoc: Annotated[
         Rows, typer.Option(help="Groups are compared on one value a person: the last time, or the mean.")
@@ -84,17 +93,18 @@ def anova_command(
     people = PersonValues.at(data) if posthoc is Rows.final else PersonValues.mean(data)
     pairs = tukey(people, level)
     versus = None if reference is None else dunnett(people, reference, level)
-    twin = logistic_twin(data) if data.binary else None
+    twin = logistic_twin(data, ss_type) if data.binary else None
 
     report.say(_shown(result.table))
     report.say(f"\n{result.sentence}")
     for note in result.notes:
         report.say(note)
     if twin is not None:
-        report.say(f"\nLogistic mixed model, likelihood-ratio tests:\n{_shown(twin.table)}")
+        report.say(f"\n{twin.title}:\n{_shown(twin.table[['effect', 'chi_squared', 'df', 'p']])}")
         for note in twin.notes:
             report.say(note)
-    report.say(f"\nCell means, {level:.0%} intervals:\n{_shown(result.cells)}")
+    cells = result.cells.rename(columns={"group": between, "time": within})
+    report.say(f"\nMeans of {dv} in each cell, {level:.0%} intervals:\n{_shown(cells)}")
     for compared in (pairs, versus):
         if compared is not None:
             report.say(f"\n{_shown(compared.table)}\n{compared.sentence}")
@@ -102,11 +112,14 @@ def anova_command(
         {
             "table": _rows(result.table), "tukey": _rows(pairs.table),
             "dunnett": [] if versus is None else _rows(versus.table),
-            "type": ss_type, "level": level, "compared": people.what, "reference": reference,
-            "times": data.times, "groups": {g: int(n) for g, n in zip(data.groups, data.group_sizes, strict=True)},
+            "columns": columns, "type": ss_type, "level": level, "compared": people.what, "reference": reference,
+            "times": data.times, "times_by": data.times_by,
+            "groups": {g: int(n) for g, n in zip(data.groups, data.group_sizes, strict=True)},
             "people": len(data.people), "left_out": data.left_out, "unused_rows": data.unused_rows,
             "sphericity": vars(result.sphericity), "cells": _rows(result.cells),
-            "logistic": None if twin is None else {"table": _rows(twin.table), "sd": twin.sd, "notes": twin.notes},
+            "logistic": None if twin is None else {
+                "table": _rows(twin.table), "type": twin.ss_type, "sd": twin.sd, "notes": twin.notes,
+            },
             "sentence": result.sentence, "notes": result.notes,
         }
     )  # fmt: skip

@@ -10,7 +10,9 @@ from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, 
 
 
 def bench_command(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, planning, or all.")] = "all",
+    name: Annotated[
+        str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, planning, robust, or all.")
+    ] = "all",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repeats and smaller sizes.")] = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -22,11 +24,13 @@ def bench_command(
     """
     import sys
 
-    from analysis.bench import bayes, em, glmm, planning
+    from analysis.bench import bayes, em, glmm, planning, robust
     from analysis.bench.timing import environment
     from models.errors import located
 
-    suites = {"em": em.run, "bayes": bayes.run, "glmm": glmm.run, "planning": planning.run}
+    suites = {
+        "em": em.run, "bayes": bayes.run, "glmm": glmm.run, "planning": planning.run, "robust": robust.run,
+    }  # fmt: skip
     if name != "all" and name not in suites:
         raise located("bench", name, f"one of {', '.join(suites)}, or all")
     report = Report(json, quiet)

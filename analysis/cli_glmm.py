@@ -14,8 +14,10 @@ from analysis.cli_options import (
     QuietOption,
     Report,
     SeedOption,
+    check_output,
     distinct_files,
     load_protocol,
+    write_output,
 )
 
 
@@ -37,6 +39,14 @@ def glmm_command(
     twin: Annotated[
         bool, typer.Option("--twin", help="Also the Bayesian twin of study 1's regression (a minute).")
     ] = False,
+    groups: Annotated[
+        str | None,
+        typer.Option(
+            "--groups",
+            metavar="FILE.csv",
+            help="Also write one row a group: intercept with interval, and how much the fit hangs on the group.",
+        ),
+    ] = None,
     condition: ConditionOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -58,19 +68,21 @@ def glmm_command(
     from models.errors import located
 
     report = Report(json, quiet)
-    distinct_files({"DATA": data, "--protocol": protocol, "--json": json})
+    if groups is not None:
+        check_output("--groups", groups)
+    distinct_files({"DATA": data, "--protocol": protocol, "--json": json, "--groups": groups})
     rule = nodes_of(nodes)
     if formula is None:
         for option, value in (("--weights", weights), ("--trials", trials)):
             if value is not None:
                 raise located(option, value, "--formula beside it: a study's responses have neither")
-        _study(report, data, rule, twin, condition, seed, protocol)
+        _study(report, data, rule, twin, condition, seed, protocol, groups)
         return
     if twin:
         raise located("--twin", "--formula", "a study without a formula: the twin is study 1's")
     if condition is not None and not _registered(data):
         raise located("--condition", ", ".join(condition), "a registered data set: a table has no conditions")
-    _formula(report, data, formula, rule, weights, trials, condition, seed, protocol)
+    _formula(report, data, formula, rule, weights, trials, condition, seed, protocol, groups)
 
 
 def _registered(data: str) -> bool:
@@ -81,7 +93,7 @@ def _registered(data: str) -> bool:
 
 def _formula(
     report: Report, data: str, formula: str, rule: int | str, weights: str | None, trials: str | None,
-    condition: list[str] | None, seed: int, protocol: str | None,
+    condition: list[str] | None, seed: int, protocol: str | None, groups: str | None,
 ) -> None:  # fmt: skip
     """Fit a formula to a table and report it."""
     from analysis import datasets
@@ -104,15 +116,16 @@ def _formula(
         raise error if str(error).startswith("--") else InputError(f"{data}: {error}") from None
     report.say(f"{data}{f' ({kind})' if kind else ''}: {formula}")
     report.say(as_text(fit, marginal_contrasts(fit)))
+    hangs = _groups(report, fit, groups)
     _warn(fit)
     if fit.model.n_dropped:
         _tell(f"{counted(fit.model.n_dropped, 'row')} with missing values left out")
-    report.finish({"data": data, "kind": kind, "formula": formula, "seed": seed, **as_dict(fit)})
+    report.finish({"data": data, "kind": kind, "formula": formula, "seed": seed, **as_dict(fit), **hangs})
 
 
 def _study(
     report: Report, data: str, rule: int | str, twin: bool, condition: list[str] | None, seed: int,
-    protocol: str | None,
+    protocol: str | None, groups: str | None,
 ) -> None:  # fmt: skip
     """Fit study 1's regression and report it."""
     from analysis import datasets
@@ -169,6 +182,7 @@ def _study(
     report.say("\nSide by side:")
     report.say(table.to_string(index=False))
     report.say("\n" + "\n".join(sentences))
+    hangs = _groups(report, regression.main, groups)
     if beside:
         report.say("\nOn the printed numbers themselves:\n" + "\n".join(consistency(published())))
     report.say("\nWhat not to conclude:\n" + "\n".join(cautions(regression)))
@@ -176,7 +190,7 @@ def _study(
     report.finish(
         {
             "data": data, "kind": chosen.dataset.card.kind, "conditions": chosen.conditions, "seed": seed,
-            "formula": formula, **as_dict(regression.main),
+            "formula": formula, **as_dict(regression.main), **hangs,
             "models": _records(regression.models), "tests": _records(regression.tests),
             "side_by_side": _records(table), "by_condition": _records(by_condition(regression, chosen.log)),
             "readings": _records(other.table), "residuals": {"ks": checked.check.ks, "ks_p": checked.check.p,
@@ -185,6 +199,18 @@ def _study(
             "cautions": cautions(regression),
         }
     )  # fmt: skip
+
+
+def _groups(report: Report, fit: Any, path: str | None) -> dict[str, Any]:
+    """Say which group the fit hangs on, write the file of ``--groups``; fields for the JSON."""
+    from analysis.mixed_model_groups import group_table, influence_of
+
+    found = influence_of(fit)
+    if found is not None:
+        report.say(found["text"])
+    if path is not None:
+        write_output("--groups", path, group_table(fit).to_csv().encode())
+    return {"influence": found, "groups_file": path}
 
 
 def _records(frame: Any) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from math import prod
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,13 +25,13 @@ from models.errors import InputError, Phrase, located
 if TYPE_CHECKING:
     from models.lspomdp import LatentStatePOMDP
     from models.planning.mode_process import ModeProcess
-    from models.planning.problem import Problem
     from models.protocol import Protocol
 
 STUDY_SCHEDULE = "HRHRHRHRH"
 """Schedule of the paper's second study, planned for unless another one is named."""
 
-SIMULATED_RUNS = 10_000
+MANY_RESPONSES = 30_000
+"""Sequences of responses from which on evaluating policies takes so long that it is said beforehand."""
 
 RewardSteepness = Annotated[
     float | None, typer.Option("--r", help="Steepness of the reward; the model's own, or .06, by default.")
@@ -92,13 +94,15 @@ def plan_command(
     for option, value in given.items():
         if not infinite and value is not None:
             raise located(option, value, "no value: it belongs to --infinite")
-    own = rewarded(read_model(model, load_protocol(protocol) if protocol else None), r, {
-        "help": cost_help, "signal": cost_signal, **costs_of(cost)})  # fmt: skip
+    costs = costs_of(cost, {"help": cost_help, "signal": cost_signal})
+    own = rewarded(read_model(model, load_protocol(protocol) if protocol else None), r, costs)
     if infinite:
         process = mode_process_of(own.protocol, mode_process or "alternating", start_mode)
+        if start_mode is None and (hint := _other_start(own.protocol, process)):
+            report.say(hint)
         content = _infinite(own, process, discount, precision, time_limit, seed, policy, report)
     else:
-        content = _schedule(own, schedule or STUDY_SCHEDULE, discount, policy, report)
+        content = _schedule(own, STUDY_SCHEDULE if schedule is None else schedule, discount, policy, report)
     reward = {"r": own.reward.r, "x": list(own.reward.x), "costs": _costs(own)}
     report.finish({**content, "reward": reward, "states": list(own.state_names), "seed": seed, "policy": policy})
 
@@ -114,8 +118,11 @@ def _schedule(
     from models.work_clock import WorkClock
 
     known = Schedule.of(model, schedule, 1.0 if discount is None else discount)
+    sequences = prod(known.n_outcomes(k) for k in range(known.n_events))
     clock = WorkClock()
     plan = solve_schedule(known)
+    if sequences > MANY_RESPONSES and not report.quiet:
+        print(f"prosocial: following {sequences:,} sequences of responses takes a while", file=sys.stderr)
     best = PlanPolicy.of(plan, "optimal")
     results = {p.name: evaluate_schedule(p, known) for p in (best, *baselines(model))}
     seconds = clock.wall()
@@ -141,6 +148,7 @@ def _infinite(
     model: LatentStatePOMDP, process: ModeProcess, discount: float | None, precision: float, time_limit: float,
     seed: int, out: str | None, report: Report,
 ) -> dict[str, Any]:  # fmt: skip
+    from analysis.policy_study import infinite_baselines
     from models.planning.latent import DISCOUNT, latent_problem
     from models.planning.solver import solve
 
@@ -154,6 +162,11 @@ def _infinite(
     report.say("At the initial belief: " + ", ".join(f"{a} in {m}" for m, a in by_mode.items()) + ".")
     shown = {"ls-POMDP": {"value": solution.lower, "low": solution.lower, "high": solution.upper}, **values}
     report.say(_rows(shown))
+    for name, v in values.items():
+        if v["value"] != v["value"]:
+            report.say(f"{name} would have to be simulated, which takes too long at discount {problem.discount:g}.")
+        elif v["low"] < v["high"]:
+            report.say(f"{name} is simulated (seed {seed}), with its 95% interval.")
     first = next(iter(problem.starts()))[0]
     report.say(policy.reason(policy.begin(first)))
     report.say(_unit(model))
@@ -167,30 +180,16 @@ def _infinite(
     }  # fmt: skip
 
 
-def infinite_baselines(model: LatentStatePOMDP, problem: Problem, seed: int) -> dict[str, dict[str, float]]:
-    """Value of every baseline without horizon: exact where its memory is finite, else simulated with interval."""
-    from models.planning.baselines import baselines, never
-    from models.planning.belief_policy import BeliefPolicy
-    from models.planning.finite_memory import infinite_value
-    from models.planning.rollouts import beside, simulate_policies
-
-    out = {}
-    control = never(model.protocol)
-    for policy in baselines(model):
-        if isinstance(policy, BeliefPolicy):
-            own, known = simulate_policies([policy, control], problem, runs=SIMULATED_RUNS, seed=seed)
-            simulated = beside(own, known, infinite_value(control, problem).value)
-            out[policy.name] = {"value": simulated.value, "low": simulated.low, "high": simulated.high}
-        else:
-            exact = infinite_value(policy, problem)
-            out[policy.name] = {"value": exact.value, "low": exact.value, "high": exact.value}
-    return out
-
-
 # -- what the options say --------------------------------------------------------------------------
-def costs_of(options: list[str] | None) -> dict[str, float]:
-    """Costs by action from ``ACTION=X`` options."""
-    out: dict[str, float] = {}
+def costs_of(options: list[str] | None, named: dict[str, float | None] | None = None) -> dict[str, float | None]:
+    """Costs by action from ``ACTION=X`` options, beside those that have an option of their own.
+
+    Raises
+    ------
+    InputError
+        On what is no ``ACTION=X``, or an action whose cost is given twice.
+    """
+    out = {name: value for name, value in (named or {}).items() if value is not None}
     for option in options or ():
         name, sign, text = option.partition("=")
         try:
@@ -200,9 +199,9 @@ def costs_of(options: list[str] | None) -> dict[str, float]:
         if not sign or not name:
             raise located("--cost", option, "ACTION=X, such as help=10")
         if name in out:
-            raise located("--cost", option, f"{name} once")
+            raise located("--cost", option, f"the cost of {name} once")
         out[name] = value
-    return out
+    return dict(out)
 
 
 def rewarded(model: LatentStatePOMDP, r: float | None, costs: dict[str, float | None]) -> LatentStatePOMDP:
@@ -211,17 +210,13 @@ def rewarded(model: LatentStatePOMDP, r: float | None, costs: dict[str, float | 
     Raises
     ------
     InputError
-        On an action that the protocol does not have.
+        On an action that the protocol does not have, or rewards too large for a number.
     """
     from dataclasses import replace
 
-    asked = {name: value for name, value in costs.items() if value is not None}
-    names = model.protocol.action_names
-    for name in asked:
-        if name not in names:
-            raise located(f"cost of {name}", Phrase(f"action {name}"), f"one of {', '.join(names)}")
-    reward = replace(model.reward, costs={**model.reward.costs, **asked})
-    return replace(model, reward=reward if r is None else replace(reward, r=r))
+    from analysis.reward_options import reward_asked
+
+    return replace(model, reward=reward_asked(model.reward, model.protocol, r, costs))
 
 
 def mode_process_of(protocol: Protocol, words: str, start: str | None) -> ModeProcess:
@@ -242,6 +237,18 @@ def mode_process_of(protocol: Protocol, words: str, start: str | None) -> ModePr
 
 
 # -- what is printed -------------------------------------------------------------------------------
+def _other_start(protocol: Protocol, process: ModeProcess) -> str:
+    """That the rounds planned for without ``--infinite`` start in another mode, where they do; else nothing."""
+    first = [m for m, share in zip(protocol.modes, process.start, strict=True) if share > 0]
+    letter = STUDY_SCHEDULE[0]
+    if letter not in [m.letter for m in protocol.modes] or letter in [m.letter for m in first]:
+        return ""
+    return (
+        f"The first round is one of {first[0].name}; {STUDY_SCHEDULE}, planned for without --infinite, starts with "
+        f"{protocol.modes_from_letters(letter)[0].name} (--start-mode {letter})."
+    )
+
+
 def _measures(value: Any) -> dict[str, float]:
     return {
         "value": value.value, "help_rate": value.help_rate, "costly_actions": value.costly_actions,

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, SeedOption
-from analysis.cli_power_options import AlphaOption, FigureOption, WantedOption, check_figure, draw_figure
+from analysis.cli_power_options import AlphaOption, EvidenceOptions, WantedOption, with_options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +22,7 @@ class Test(StrEnum):
     wald = "wald"
 
 
+@with_options
 def mixed_model_command(
     formula: Annotated[
         str | None,
@@ -49,10 +49,8 @@ def mixed_model_command(
     studies: Annotated[int, typer.Option(min=2, help="Simulated studies of each size.")] = 400,
     alpha: AlphaOption = 0.05,
     wanted: WantedOption = 0.8,
-    figure: FigureOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-    seed: SeedOption = DEFAULT_SEED,
+    *,
+    options: EvidenceOptions,
 ) -> None:
     """Power of the logistic mixed model, by simulation from the model itself.
 
@@ -63,9 +61,11 @@ def mixed_model_command(
     """
     from analysis import progress
     from analysis.power_simulation import (
+        ENGINE,
         STUDY1_FORMULA,
         STUDY1_SD,
         STUDY1_TRUTH,
+        TEST_NAMES,
         MixedModelPower,
         coefficients_from,
         mixed_model_power,
@@ -74,8 +74,7 @@ def mixed_model_command(
     )
     from models.errors import located
 
-    report = Report(json, quiet)
-    check_figure(figure, report, design)
+    report, seed = options.report(design), options.seed
     _check_wanted(wanted, alpha)
     ratios = {}
     for entry in odds_ratio or []:
@@ -98,7 +97,7 @@ def mixed_model_command(
     coefficients = start | coefficients_from(rows.columns, ratios, intercept)
     tested = tuple(test) if test else ("signal",) if design is None else ()
     settings = MixedModelPower(rows, coefficients, spread, tested, _sizes(people), studies, alpha, seed=seed)
-    with progress.shown(quiet) as watch:
+    with progress.shown(options.quiet) as watch:
         result = mixed_model_power(settings, progress=watch)
     answer = result.reached(wanted, by.name)
     report.say(result.table.to_string(index=False, float_format=lambda v: f"{v:.4f}"))
@@ -106,24 +105,31 @@ def mixed_model_command(
     sentence = result.sentence(wanted)
     report.say(f"\nTrue coefficients: {truth}; sd {spread:.3g}.\n{sentence} Seed {seed}; {result.seconds:.0f} s.")
     series = {
-        name.replace("_", " "): part.rename(columns={"power": "value"})
+        TEST_NAMES[str(name)]: part.rename(columns={"power": "value"})
         for name, part in result.table.groupby("test", sort=False)
     }
-    draw_figure(figure, series, wanted, {name: result.reached(wanted, name.replace(" ", "_")).n for name in series})
-    report.finish(
-        {
-            "n": answer.to_dict()["n"], "reached": answer.to_dict(),
-            "assumptions": {
-                "design": rows.words, "coefficients": coefficients, "sd": spread, "tested": tested,
-                "test": by.value, "alpha": alpha, "power_wanted": wanted, "studies": studies,
-                "nodes": settings.nodes, "seed": seed,
-            },
-            "curve": [_with_n(row) for row in result.table.to_dict("records")],
-            "sentence": sentence, "seconds": result.seconds, "figure": figure,
-        }
-    )  # fmt: skip
+    marks = {name: result.reached(wanted, test).n for test, name in TEST_NAMES.items()}
+    options.draw(series, wanted, marks)
+    content = {
+        "n": answer.to_dict()["n"], "reached": answer.to_dict(),
+        "assumptions": {
+            "design": rows.words, "coefficients": coefficients, "sd": spread, "tested": tested,
+            "test": by.value, "alpha": alpha, "power_wanted": wanted, "studies": studies,
+            "nodes": settings.nodes, "seed": seed,
+        },
+        "curve": [_with_n(row) for row in result.table.to_dict("records")],
+        "sentence": sentence, "seconds": result.seconds, "figure": options.figure,
+    }  # fmt: skip
+    what = "Power of the logistic mixed model: simulated people, coefficients and spread chosen by this project."
+    words = {
+        "": "power mixed-model", "--formula": formula, "--design": design, "--odds-ratio": odds_ratio,
+        "--intercept": intercept, "--sd": sd, "--test": test, "--by": by.value, "--people": people,
+        "--studies": studies, "--alpha": alpha, "--power": wanted,
+    }  # fmt: skip
+    options.finish(report, content, what, words, ENGINE)
 
 
+@with_options
 def contraction_command(
     truth: Annotated[
         str | None, typer.Option(metavar="MODEL", help="Model file of the truth; the calibrated one by default.")
@@ -144,10 +150,8 @@ def contraction_command(
     ),
     studies: Annotated[int, typer.Option(min=2, help="Simulated studies of each size and design.")] = 5,
     kappa: Annotated[float, typer.Option(min=0, help="Stickiness: pseudo-counts on staying.")] = 2.0,
-    figure: FigureOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-    seed: SeedOption = DEFAULT_SEED,
+    *,
+    options: EvidenceOptions,
 ) -> None:
     """With how many people, and which sequences, a transition table becomes known: expected contraction, simulated.
 
@@ -158,6 +162,7 @@ def contraction_command(
     """
     from analysis import progress
     from analysis.design import published, study1_design
+    from analysis.evidence import ENGINE as LEARNING
     from analysis.power_contraction import (
         ALL_MOVES,
         ContractionPower,
@@ -170,8 +175,7 @@ def contraction_command(
     from models.parameters import DirichletPrior
     from models.protocol import PUBLISHED
 
-    report = Report(json, quiet)
-    check_figure(figure, report, truth)
+    report, seed = options.report(truth), options.seed
     if not 0 < wanted < 1:
         raise located("--wanted", wanted, "between 0 and 1")
     if table not in ("all", *PUBLISHED.action_names):
@@ -185,7 +189,7 @@ def contraction_command(
     settings = ContractionPower(
         model, designs, _sizes(people), studies, prior=DirichletPrior(stay=kappa), seed=seed
     )
-    with progress.shown(quiet) as watch:
+    with progress.shown(options.quiet) as watch:
         result = contraction_power(settings, progress=watch)
     which = ALL_MOVES if table == "all" else f"moves: {table}"
     answers = {name: result.reached(wanted, which, name) for name in designs}
@@ -196,27 +200,32 @@ def contraction_command(
     renamed = shown.rename(columns={"mean": "value"})
     series = {str(name): part for name, part in renamed.groupby("design", sort=False)}
     label = f"expected contraction, {which}"
-    draw_figure(figure, series, wanted, {name: answers[name].n for name in series}, ylabel=label, log_x=True)
+    options.draw(series, wanted, {name: answers[name].n for name in series}, ylabel=label, log_x=True)
     everything = [
         {"design": name, "table": t, **result.reached(wanted, t, name).to_dict()}
         for name in designs
         for t in result.tables
     ]
-    report.finish(
-        {
-            "n": answers[next(iter(designs))].to_dict()["n"],
-            "reached": everything,
-            "assumptions": {
-                "designs": {name: plan.schedules for name, plan in designs.items()}, "table": which,
-                "contraction_wanted": wanted, "states": model.n_states, "truth": truth or "calibrated",
-                "kappa": kappa, "studies": studies, "level": result.level, "sampler": vars(settings.sampler),
-                "seed": seed,
-            },
-            "curve": [_with_n(row) for row in result.table.to_dict("records")],
-            "share_above": [_with_n(row) for row in result.share_above(wanted, which).to_dict("records")],
-            "unsettled": result.unsettled, "sentence": sentence, "seconds": result.seconds, "figure": figure,
-        }
-    )  # fmt: skip
+    content = {
+        "n": answers[next(iter(designs))].to_dict()["n"],
+        "reached": everything,
+        "assumptions": {
+            "designs": {name: plan.schedules for name, plan in designs.items()}, "table": which,
+            "contraction_wanted": wanted, "states": model.n_states, "truth": truth or "calibrated",
+            "kappa": kappa, "studies": studies, "level": result.level, "sampler": vars(settings.sampler),
+            "seed": seed,
+        },
+        "curve": [_with_n(row) for row in result.table.to_dict("records")],
+        "share_above": [_with_n(row) for row in result.share_above(wanted, which).to_dict("records")],
+        "unsettled": result.unsettled, "sentence": sentence, "seconds": result.seconds,
+        "figure": options.figure,
+    }  # fmt: skip
+    what = "Expected contraction of transition tables by people and schedules: simulated people of a known truth."
+    words = {
+        "": "power contraction", "--truth": truth, "--schedules": schedules, "--table": table, "--wanted": wanted,
+        "--people": people, "--studies": studies, "--kappa": f"{kappa:g}",
+    }  # fmt: skip
+    options.finish(report, content, what, words, LEARNING)
 
 
 def _with_n(row: Mapping[Any, Any]) -> dict[str, Any]:

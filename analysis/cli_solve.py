@@ -18,6 +18,7 @@ from analysis.cli_options import (
     check_output,
     distinct_files,
 )
+from models.errors import InputError, located
 
 if TYPE_CHECKING:
     from models.planning.solution import Solution, TracePoint
@@ -47,12 +48,12 @@ def solve_command(
 ) -> None:
     """Solve a planning problem without a horizon: a policy, and bounds that prove how good it is.
 
-    Standard problems: tiger, crying_baby, rock_sample_4_4, rock_sample_7_8, tag and others. Ctrl-C ends the search
-    with the best so far. Nothing is random, whatever the seed.
+    Standard problems: tiger, crying_baby, rock_sample_4_4, rock_sample_5_5, rock_sample_5_7, rock_sample_7_8 and
+    tag. Ctrl-C ends the search with the best so far. Nothing is random, whatever the seed.
 
     Example: prosocial solve tiger --precision 1e-4 --policy tiger.json
     """
-    from models.planning.formats import read_problem
+    from models.planning.formats import SUFFIXES, read_problem
     from models.planning.policy_files import write_policy
     from models.planning.problems import PROBLEMS
     from models.planning.problems import problem as standard
@@ -62,11 +63,19 @@ def solve_command(
     if policy is not None:
         check_output("--policy", policy)
     distinct_files({"PROBLEM": problem, "--policy": policy, "--json": json})
+    if problem not in PROBLEMS and not problem.endswith(SUFFIXES):
+        wanted = f"a file that ends in {', '.join(SUFFIXES)}, or one of {', '.join(sorted(PROBLEMS))}"
+        if problem.endswith(".json"):
+            wanted += "; a model file is for the command plan"
+        raise located("PROBLEM", problem, wanted)
     chosen = standard(problem) if problem in PROBLEMS else read_problem(problem)
     with gap_shown(quiet) as watch:
         solution = solve(chosen, precision, relative=not absolute, time_limit=time_limit, progress=watch)
     if policy is not None:
-        write_policy(solution.policy, policy)
+        try:
+            write_policy(solution.policy, policy)
+        except OSError as error:
+            raise InputError(f"--policy {policy}: cannot be written: {error.strerror}") from None
     report.say(solution.sentence)
     report.say(
         f"{solution.seconds:.3g} s (and {solution.compile_seconds:.3g} s to load kernels), "

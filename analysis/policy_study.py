@@ -1,4 +1,4 @@
-"""Policies side by side: what each is worth over a schedule, whichever model it was made with."""
+"""Policies side by side: what each is worth and where it takes people, whichever model it was made with."""
 
 from __future__ import annotations
 
@@ -9,15 +9,26 @@ import numpy as np
 import pandas as pd
 
 from models.lspomdp import LatentStatePOMDP
-from models.planning.baselines import baselines, myopic
+from models.planning.baselines import baselines, myopic, never
+from models.planning.belief_model import BeliefModel
+from models.planning.belief_policy import BeliefPolicy
 from models.planning.evaluation import ScheduleValue, evaluate_schedule
 from models.planning.exact import ExactPlan, solve_schedule
+from models.planning.finite_memory import infinite_value
 from models.planning.plan_policy import PlanPolicy
-from models.planning.policies import Policy
+from models.planning.policies import Array, Policy
+from models.planning.problem import Problem
+from models.planning.rollouts import beside, simulate_policies
 from models.planning.schedule import Schedule
 
 STUDY2 = "HRHRHRHRH"
 """Rounds of the paper's second study."""
+
+SIMULATED_RUNS = 10_000
+"""Runs for policies whose value without horizon is no finite sum."""
+
+LARGEST_SIMULATED = 0.995
+"""Discounts above leave runs too long to simulate while somebody waits: thousands of steps each."""
 
 MYOPIC = "myopic"
 OPTIMAL, LEARNED = "optimal", "optimal by the learned model"
@@ -51,7 +62,10 @@ class PolicyStudy:
             }
             for name, v in self.values.items()
         ]  # fmt: skip
-        return pd.DataFrame(rows).sort_values("value", ascending=False, kind="stable", ignore_index=True)
+        # Values that differ by rounding only keep their order.
+        return pd.DataFrame(rows).sort_values(
+            "value", ascending=False, kind="stable", ignore_index=True, key=lambda v: v.round(9)
+        )
 
     @property
     def sentence(self) -> str:
@@ -108,4 +122,87 @@ def state_paths(study: PolicyStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     for name, value in study.values.items():
         path = value.state_path
         out[name] = (np.arange(len(path)), path @ np.arange(path.shape[1]))
+    return out
+
+
+def belief_paths(
+    policy: Policy, truth: LatentStatePOMDP, robot: LatentStatePOMDP, schedule: str | Sequence[str] = STUDY2
+) -> tuple[Array, Array]:
+    """Where a policy takes people, and what the robot believes of them meanwhile, both on average.
+
+    Parameters
+    ----------
+    policy : Policy
+    truth : LatentStatePOMDP
+        What people are like.
+    robot : LatentStatePOMDP
+        The model the robot's belief is made with, whatever the policy acts on. Responses that it takes for
+        impossible leave the belief as it was.
+    schedule : str or sequence of str
+
+    Returns
+    -------
+    states : float64[k + 1, s]
+        Share of people in each state before each event, and after the last.
+    believed : float64[k + 1, y]
+        Mean belief, by the robot's states. Equal to `states` where the robot's model is true.
+    """
+    s = Schedule.of(truth, schedule)
+    tracker = BeliefModel.of_latent(robot, impossible="keep")
+    states, believed = np.zeros((s.n_events + 1, s.n_states)), np.zeros((s.n_events + 1, robot.n_states))
+    holds = [(policy.begin(s.modes[0]), robot.initial, s.start())]
+    for k in range(s.n_events + 1):
+        for _, belief, joint in holds:
+            states[k] += joint.sum(axis=0)
+            believed[k] += joint.sum() * belief
+        if k == s.n_events:
+            break
+        first, shows, mode = s.first_action(k), s.mode(k).shows_response, s.modes[k]
+        # After the last event no mode follows; the policy is not asked any more.
+        following = s.modes[k + 1] if k + 1 < s.n_events else mode
+        after = []
+        for memory, belief, joint in holds:
+            for c, share in enumerate(policy.probabilities(memory)):
+                for o in range(s.n_outcomes(k)) if share > 0 else ():
+                    reached = s.after(share * joint, first + c, o if shows else None)
+                    if reached.any():
+                        seen = o + 1 if shows else 0
+                        moved = tracker.update(mode, belief, c, seen, following)
+                        after.append((policy.observe(memory, c, seen, following), moved, reached))
+        holds = after
+    return states, believed
+
+
+def infinite_baselines(
+    model: LatentStatePOMDP, problem: Problem, seed: int, runs: int = SIMULATED_RUNS
+) -> dict[str, dict[str, float]]:
+    """Value of every baseline without horizon: exact where its memory is finite, else simulated.
+
+    Parameters
+    ----------
+    model : LatentStatePOMDP
+    problem : Problem
+        The model as a problem: mode process and discount.
+    seed : int
+    runs : int
+        Simulated, each beside never helping on the same luck.
+
+    Returns
+    -------
+    dict of str to dict
+        By policy ``value``, ``low`` and ``high``: a 95% interval where it was simulated, else the value itself.
+        Not a number where it would have to be simulated and the discount is above `LARGEST_SIMULATED`.
+    """
+    out = {}
+    control = never(model.protocol)
+    for policy in baselines(model):
+        if isinstance(policy, BeliefPolicy) and problem.discount > LARGEST_SIMULATED:
+            out[policy.name] = dict.fromkeys(("value", "low", "high"), float("nan"))
+        elif isinstance(policy, BeliefPolicy):
+            own, known = simulate_policies([policy, control], problem, runs=runs, seed=seed)
+            simulated = beside(own, known, infinite_value(control, problem).value)
+            out[policy.name] = {"value": simulated.value, "low": simulated.low, "high": simulated.high}
+        else:
+            exact = infinite_value(policy, problem)
+            out[policy.name] = {"value": exact.value, "low": exact.value, "high": exact.value}
     return out

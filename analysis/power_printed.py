@@ -16,7 +16,7 @@ import pandas as pd
 from scipy import optimize
 
 from analysis.design import published
-from analysis.power_formulas import FTestDesign, power, sample_size
+from analysis.power_formulas import FTestDesign, curve_people, power, power_curve, sample_size
 
 USUAL_RHO = 0.5
 """Correlation between measurements that G*Power starts from."""
@@ -56,6 +56,21 @@ class PrintedSizes:
 
     table: pd.DataFrame
     settings: pd.DataFrame
+
+    def curves(self) -> pd.DataFrame:
+        """Power by number of people of every test: ``study, test, people, power``."""
+        settings = self.settings.set_index("study")
+        parts = []
+        for row in self.table.to_dict("records"):
+            given = settings.loc[row["study"]]
+            df = int(row["df1"]) if row["kind"] == "fixed" else None
+            design = FTestDesign(row["kind"], row["groups"], row["times"], row["rho"], row["epsilon"], df)
+            people = curve_people(design, max(row["n"], row["printed"]))
+            value = power_curve(design, people, given["f"], given["alpha"])
+            parts.append(
+                pd.DataFrame({"study": row["study"], "test": row["test"], "people": people, "power": value})
+            )
+        return pd.concat(parts, ignore_index=True)
 
     @property
     def sentence(self) -> str:

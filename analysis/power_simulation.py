@@ -40,6 +40,12 @@ STREAM = 7_301
 
 TESTS = ("wald", "likelihood_ratio")
 
+TEST_NAMES = {"wald": "Wald", "likelihood_ratio": "likelihood ratio"}
+"""The same in sentences and figures."""
+
+ENGINE = ("models.glmm_optimise",)
+"""What the result rests on: only kernels that this reaches make stored results stale."""
+
 STUDY1_FORMULA = "o_help ~ signal + robot_help + (1|participant)"
 """The paper's regression."""
 
@@ -80,6 +86,14 @@ class ResponseDesign:
         person = np.repeat(np.arange(people), size[kinds])
         within = np.arange(len(person)) - np.repeat(np.cumsum(size[kinds]) - size[kinds], size[kinds])
         return self.design[np.repeat(first[kinds], size[kinds]) + within], person
+
+    def respond(
+        self, people: int, coefficients: Array, sd: float, rng: np.random.Generator
+    ) -> tuple[Array, Array, Integers]:
+        """Covariates of all rows of a study, responses drawn from the mixed model, and the person of each row."""
+        exog, person = self.study(people, rng)
+        eta = exog @ coefficients + sd * rng.standard_normal(people)[person]
+        return exog, (rng.random(len(eta)) < special.expit(eta)).astype(float), person
 
 
 @dataclass(frozen=True)
@@ -170,7 +184,7 @@ class MixedModelPowerResult:
     def sentence(self, wanted: float) -> str:
         """The answer of both tests."""
         s = self.settings
-        told = "; ".join(f"{test.replace('_', ' ')} {self.reached(wanted, test).words}" for test in TESTS)
+        told = "; ".join(f"{TEST_NAMES[test]} {self.reached(wanted, test).words}" for test in TESTS)
         error = self.table["monte_carlo_error"].max()
         lost = self.table["without_maximum"].max()
         text = (
@@ -298,16 +312,14 @@ def _one_study(
     if stop is not None and stop.is_set():
         raise CancelledError
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM, people, index)))
-    exog, person = settings.design.study(people, rng)
     beta = np.array([settings.coefficients[name] for name in settings.design.columns])
-    eta = exog @ beta + settings.sd * rng.standard_normal(people)[person]
-    y = (rng.random(len(eta)) < special.expit(eta)).astype(float)
+    exog, y, person = settings.design.respond(people, beta, settings.sd, rng)
     rate = float(y.mean())
     if rate in (0.0, 1.0):
         return np.nan, np.nan, rate
     tested = np.array([name in settings.tested for name in settings.design.columns])
     rule = Rule.hermite(settings.nodes)
-    full, restricted = (maximise(_patterns(x, y, person), rule) for x in (exog, exog[:, ~tested]))
+    full, restricted = (maximise(binary_patterns(x, y, person), rule) for x in (exog, exog[:, ~tested]))
     if not full.converged:
         return np.nan, np.nan, rate
     # On the boundary the standard deviation is no free parameter.
@@ -319,7 +331,8 @@ def _one_study(
     return float(special.chdtrc(len(at), wald)), float(special.chdtrc(len(at), ratio)), rate
 
 
-def _patterns(exog: Array, y: Array, person: Integers) -> Patterns:
+def binary_patterns(exog: Array, y: Array, person: Integers) -> Patterns:
+    """Rows of responses of 0 and 1 as the likelihood sees them."""
     n = len(y)
     return Patterns.from_rows(exog, np.zeros(n), y, np.ones(n), np.ones(n), person)
 

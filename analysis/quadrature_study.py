@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,9 @@ from models.glmm_simulation import patterns_of, simulate_successes
 
 STREAM = 7_405
 """First element of the spawn keys used here."""
+
+CEILING = (0.0, 1.0, 2.0, 2.5, 3.0, 3.5)
+"""Intercepts from where a third of the people always help to where nearly all do."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,13 @@ class QuadratureStudy:
             + " and ".join(f"{row['odds_ratio']:.1f} by {rule}" for rule, row in last.iterrows())
         )
         return text + (f". {lost} of {len(self.table)} fits found no maximum and are left out." if lost else ".")
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: the summary, not every study."""
+        return {
+            "sentence": self.sentence, "summary": self.summary.to_dict("records"), "sd": self.sd,
+            "effect": self.effect, "people": self.people, "responses": self.responses, "seed": self.seed,
+        }  # fmt: skip
 
 
 def quadrature_study(

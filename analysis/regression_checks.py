@@ -90,23 +90,13 @@ class Residuals:
     @property
     def sentence(self) -> str:
         """What they say."""
-        bad = self.outside
-        text = (
-            f"Randomised quantile residuals are {'not ' if self.check.p < 0.05 else ''}compatible with the model "
-            f"(Kolmogorov-Smirnov p = {self.check.p:.2g})"
-        )
         if not len(self.by):
-            return f"{text}."
-        if bad.empty:
+            fits = "not " if self.check.p < 0.05 else ""
             return (
-                f"{text}, and none of {len(self.by)} classes by round, condition and schedule has a mean residual "
-                f"beyond {self.limit:.1f} standard errors."
+                f"Randomised quantile residuals are {fits}compatible with the model "
+                f"(Kolmogorov-Smirnov p = {self.check.p:.2g})."
             )
-        named = ", ".join(f"{r.grouping} {r.value} ({r.z:+.1f})" for r in bad.itertuples())
-        return (
-            f"{text}; classes whose mean residual lies beyond {self.limit:.1f} standard errors, so that the "
-            f"formula misses something there: {named}."
-        )
+        return self.check.verdict(self.by.set_index(self.by["grouping"] + " " + self.by["value"]))
 
 
 def residuals(regression: Regression, log: EventLog, seed: int = 1) -> Residuals:

@@ -20,6 +20,7 @@ from models.errors import Phrase, located
 
 Array = NDArray[np.float64]
 Missing = Literal["drop", "refuse"]
+TimesBy = Literal["asked", "value", "category", "appearance"]
 
 ABSENT = ("", "NA", "NaN", "nan")
 """Spellings of a missing value in text."""
@@ -43,6 +44,8 @@ class RepeatedMeasures:
     people, groups, times : tuple of str
         Labels. Groups and times are in ascending order where all are numbers, else in order of appearance (or of
         their categories, or as asked for).
+    times_by : {"asked", "value", "category", "appearance"}
+        Which of these gave the order of the times.
     left_out : tuple of str
         People left out because a time is missing.
     unused_rows : int
@@ -62,6 +65,7 @@ class RepeatedMeasures:
     between: str = "group"
     within: str = "time"
     subject: str = "person"
+    times_by: TimesBy = "value"
 
     @property
     def group_sizes(self) -> NDArray[np.int64]:
@@ -89,6 +93,12 @@ class RepeatedMeasures:
             out.append(f"Left out: {left} without a value at some time ({shown}{more}).")
         if self.unused_rows:
             out.append(f"{counted(self.unused_rows, 'row')} at other times not used.")
+        if self.times_by == "appearance":
+            out.append(
+                f"Values of {self.within} are words and were taken in the order in which they first appear: "
+                f"{', '.join(self.times)}. Where that is not their order in time, name them in order (times=..., "
+                "--times at the command line)."
+            )
         return tuple(out)
 
     @classmethod
@@ -130,8 +140,10 @@ class RepeatedMeasures:
         roles = {"dv": dv, "between": between, "within": within, "subject": subject}
         check_columns(frame, roles, place)
         when, time_labels = labels(frame[within], place)
+        times_by = _order_of(frame[within], time_labels)
         keep = np.ones(len(frame), bool)
         if times is not None:
+            times_by = "asked"
             when, time_labels = _chosen(when, time_labels, [str(t).strip() for t in times], within, place)
             keep = when >= 0
         used = frame[keep]
@@ -157,7 +169,7 @@ class RepeatedMeasures:
             )  # fmt: skip
         data = cls(
             score[~gone], group_of[~gone], tuple(p for p, out in zip(people, gone, strict=True) if not out), groups,
-            time_labels, left_out, int((~keep).sum()), dv, between, within, subject,
+            time_labels, left_out, int((~keep).sum()), dv, between, within, subject, times_by,
         )  # fmt: skip
         _check_usable(data, place)
         return data
@@ -201,11 +213,24 @@ def labels(column: pd.Series, place: str) -> tuple[NDArray[np.int64], tuple[str,
     if categories is not None:
         order = [str(c).strip() for c in categories if str(c).strip() in set(unique)]
     else:
-        value = pd.to_numeric(pd.Series(unique), errors="coerce").to_numpy(dtype=float)
-        order = list(unique[np.argsort(value, kind="stable")] if np.isfinite(value).all() else unique)
+        value = _values_of(unique)
+        order = list(unique if value is None else unique[np.argsort(value, kind="stable")])
     position = {label: i for i, label in enumerate(order)}
     rank = np.array([position[label] for label in unique], dtype=np.int64)
     return rank[code], tuple(str(label) for label in order)
+
+
+def _values_of(text: Sequence[str]) -> Array | None:
+    """Labels as numbers, None unless all are."""
+    value = pd.to_numeric(pd.Series(list(text)), errors="coerce").to_numpy(dtype=float)
+    return value if np.isfinite(value).all() else None
+
+
+def _order_of(column: pd.Series, found: tuple[str, ...]) -> TimesBy:
+    """What `labels` ordered a factor by."""
+    if isinstance(column.dtype, pd.CategoricalDtype):
+        return "category"
+    return "appearance" if _values_of(found) is None else "value"
 
 
 def numbers(column: pd.Series, place: str) -> Array:

@@ -28,6 +28,7 @@ from models.person_offset import PersonOffset
 from models.posterior import Posterior
 from models.smc import prior_particles
 from models.study_density import ModelSpec, StudyDensity
+from models.unseen import EVIDENCE, evidence_of_actions
 from models.work_clock import WorkClock
 
 Engine = Literal["direct", "pymc"]
@@ -159,6 +160,7 @@ def examined(
     """
     if not np.isfinite(theta).all():
         raise located("posterior draws", Phrase("numbers that are not finite"), "finite draws: nothing is stored")
+    settings = {**settings, EVIDENCE: evidence_of_actions(study.log, study.spec.pins)}
     by_person = study.log_likelihoods(theta)
     posterior, prior = canonical_tables(study, theta), canonical_tables(study, prior_theta[None])
     data = build_tree(study, posterior, prior, stats, by_person, settings["sampler"]["seed"])

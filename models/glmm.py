@@ -17,21 +17,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import expit
+from formulaic.errors import FormulaSyntaxError
 from statsmodels.base import model as base
 from statsmodels.formula._manager import FormulaManager
 from statsmodels.formula.formulatools import advance_eval_env
 
-from models.errors import Phrase, located
+from models.errors import located
+from models.glmm_arguments import check_iterations, check_known, check_start_params, check_starts, parameters
 from models.glmm_data import Array, Integers, Likelihood, Patterns, Rule
-from models.glmm_formula import (
-    column_error,
-    named_column,
-    numeric_outcome,
-    outcome_columns,
-    select_rows,
-    split_groups,
-)
+from models.glmm_formula import column_error
 from models.glmm_input import (
     check_counts,
     check_design,
@@ -39,15 +33,17 @@ from models.glmm_input import (
     check_numbers,
     counts_of,
     group_codes,
-    optional_array,
+    kept,
+    per_row,
     quadrature_nodes,
 )
-from models.glmm_marginal import mean_probability
 from models.glmm_notes import notes_of
 from models.glmm_optimise import maximise
 from models.glmm_pickle import restore, state_of
 from models.glmm_plain import PlainDesign
+from models.glmm_prediction import predict_rows
 from models.glmm_results import LogisticMixedResults, LogisticMixedResultsWrapper
+from models.glmm_table import check_missing, check_rows_left, is_used, numeric_table, read_table
 
 DEFAULT_NODES = 25
 """Quadrature nodes where none are asked for."""
@@ -64,11 +60,11 @@ class LogisticMixedModel(base.LikelihoodModel):
         Covariates, with a column of ones for the intercept (formulas add it).
     groups : array_like [n]
         Labels; rows with the same label share an intercept.
-    trials : array_like [n], optional
-        Trials of each row.
-    freq_weights : array_like [n], optional
+    trials : array_like [n] or number, optional
+        Trials of each row, or of all.
+    freq_weights : array_like [n] or number, optional
         How often each row was observed, within its group; whole numbers.
-    offset : array_like [n], optional
+    offset : array_like [n] or number, optional
         Added to the linear predictor with coefficient 1.
     quadrature : int or "laplace"
         Nodes of the adaptive Gauss--Hermite rule.
@@ -145,11 +141,17 @@ class LogisticMixedModel(base.LikelihoodModel):
         allowed = {"missing_idx", "formula", "model_spec", "hasconst"}
         if unknown := sorted(set(kwargs) - allowed):
             raise located("LogisticMixedModel", unknown[0], "one of its documented arguments")
+        check_missing(missing, ("none", "drop", "raise"))
+        endog, exog = numeric_table(endog, "outcome"), numeric_table(exog, "covariate")
         n_given = len(endog) if kwargs.get("missing_idx") is None else len(kwargs["missing_idx"])
+        if not len(endog):
+            check_rows_left([], n_given, pd.DataFrame())
         codes, labels = group_codes(groups, n_given)
         given = {"trials": trials, "freq_weights": freq_weights, "offset": offset}
-        extras = {name: optional_array(value, n_given, name) for name, value in given.items()}
+        extras = {name: per_row(value, n_given, name) for name, value in given.items()}
         check_numbers(endog, exog, {f"groups {self.group_name!r}": codes, **extras}, missing == "drop")
+        if missing == "drop" and kwargs.get("missing_idx") is None:
+            check_rows_left([endog, exog, codes, *extras.values()], n_given)
         super().__init__(endog, exog, missing=missing, group_code=codes, **extras, **kwargs)
         # What the base class recreates a model from.
         self._init_keys = ["groups", "trials", "freq_weights", "offset", "quadrature"]
@@ -178,7 +180,7 @@ class LogisticMixedModel(base.LikelihoodModel):
     @property
     def groups(self) -> Any:
         """Label of each row's group."""
-        return np.asarray(self.group_labels)[self.group_code]
+        return np.asarray(self.group_labels)[kept(self, "group_code", "groups")]
 
     @property
     def quadrature(self) -> int | str:
@@ -213,9 +215,10 @@ class LogisticMixedModel(base.LikelihoodModel):
             ``outcome ~ covariates``, with ``(1|group)`` unless `groups` is given. The outcome is a column of 0 and
             1, a count beside `trials`, or ``successes + failures`` (also ``cbind(successes, failures)``). Read by
             the formula engine that ``statsmodels.formula.options.formula_engine`` names.
-        data : DataFrame
+        data : DataFrame or dict of columns
+            Columns may be of pandas' nullable types.
         groups, trials, freq_weights, offset : str or array_like, optional
-            Names of columns, or one value a row of `data`.
+            Names of columns, or one value a row of `data`; but for the groups also one number for all rows.
         subset : array_like, optional
             Rows to use, as for ``data.loc``.
         missing : {"drop", "raise"}
@@ -226,14 +229,11 @@ class LogisticMixedModel(base.LikelihoodModel):
         InputError
             For unknown columns, random terms other than ``(1|group)``, and data that cannot be used.
         """
-        formula, groups = split_groups(formula, groups)
-        formula = outcome_columns(formula)
-        extras = {"groups": groups, "trials": trials, "freq_weights": freq_weights, "offset": offset}
-        arrays = {key: named_column(data, value, key) for key, value in extras.items()}
-        name = groups if isinstance(groups, str) else getattr(groups, "name", None) or "group"
-        data, arrays, n_given = select_rows(numeric_outcome(formula, data), arrays, subset, missing == "drop")
+        given = {"groups": groups, "trials": trials, "freq_weights": freq_weights, "offset": offset}
+        formula, data, arrays, n_given, name = read_table(formula, data, given, subset, missing)
         if drop_cols is None and (plain := PlainDesign.read(formula, data)) is not None:
             return plain.model(cls, formula, data, n_given, {**arrays, **kwargs, "group_name": name}, quadrature)
+        check_rows_left([data[column] for column in data.columns if is_used(column, formula)], n_given, data)
         advance_eval_env(kwargs)
         manager = FormulaManager()
         try:
@@ -241,7 +241,7 @@ class LogisticMixedModel(base.LikelihoodModel):
                 formula, data, drop_cols=drop_cols, quadrature=quadrature, missing=missing, group_name=name,
                 **arrays, **kwargs,
             )  # fmt: skip
-        except (NameError, manager.factor_evaluation_error) as error:
+        except (NameError, SyntaxError, FormulaSyntaxError, manager.factor_evaluation_error) as error:
             raise column_error(formula, data, error) from error
         model.n_dropped = n_given - len(model.endog)
         return model
@@ -252,29 +252,42 @@ class LogisticMixedModel(base.LikelihoodModel):
     def __setstate__(self, state: dict[str, Any]) -> None:
         restore(self, state)
 
+    def _likelihood(self, what: str) -> Likelihood:
+        return Likelihood(kept(self, "patterns", what), self.rule)
+
+    def _parameters(self, params: Any) -> Array:
+        """As numbers, fixed effects and sd.
+
+        Raises
+        ------
+        InputError
+            Of another number.
+        """
+        return parameters(params, [str(name) for name in self.data.param_names])
+
     def loglike(self, params: Any) -> float:
         """Log-likelihood at (fixed effects, sd), binomial coefficients included."""
-        return Likelihood(self.patterns, self.rule)(np.asarray(params, float))[0]
+        return self._likelihood("loglike")(self._parameters(params))[0]
 
     def score(self, params: Any) -> Array:
         """Gradient of `loglike`, exact for the quadrature rule."""
-        return Likelihood(self.patterns, self.rule)(np.asarray(params, float))[1]
+        return self._likelihood("score")(self._parameters(params))[1]
 
     def score_obs(self, params: Any) -> Array:
         """Scores of the groups (the independent units), ``[G, p + 1]``, in the order of `group_labels`."""
-        likelihood = Likelihood(self.patterns, self.rule)
-        likelihood(np.asarray(params, float))
+        likelihood = self._likelihood("score_obs")
+        likelihood(self._parameters(params))
         return likelihood.scores[self.patterns.of_group]
 
     def loglikeobs(self, params: Any) -> Array:
         """Log-likelihoods of the groups ``[G]``, without binomial coefficients."""
-        likelihood = Likelihood(self.patterns, self.rule)
-        likelihood(np.asarray(params, float))
+        likelihood = self._likelihood("loglikeobs")
+        likelihood(self._parameters(params))
         return likelihood.values[self.patterns.of_group]
 
     def hessian(self, params: Any) -> Array:
         """Second derivatives of `loglike`: central differences of the exact gradient."""
-        return Likelihood(self.patterns, self.rule).hessian(np.asarray(params, float))
+        return self._likelihood("hessian").hessian(self._parameters(params))
 
     def information(self, params: Any) -> Array:
         """Observed information, minus the Hessian."""
@@ -286,6 +299,11 @@ class LogisticMixedModel(base.LikelihoodModel):
         max_iterations: int = 200,
         cov_type: str = "model",
         warn: bool = True,
+        start_params: Any = None,
+        method: str | None = None,
+        maxiter: int | None = None,
+        disp: Any = 0,
+        **others: Any,
     ) -> Any:
         """Maximise the likelihood.
 
@@ -300,14 +318,29 @@ class LogisticMixedModel(base.LikelihoodModel):
             groups (`models.glmm_robust`).
         warn : bool
             Whether `LogisticMixedResults.notes` are raised as warnings too.
+        start_params : array_like [p + 1], optional
+            Fixed effects and a positive standard deviation at which one search more starts.
+        method : {"bfgs"}, optional
+            As in statsmodels; there is no other.
+        maxiter : int, optional
+            statsmodels' name of `max_iterations`.
+        disp : bool
+            Accepted for statsmodels' sake: nothing is printed, see `LogisticMixedResults.notes`.
 
         Returns
         -------
         LogisticMixedResults (wrapped, so that vectors carry names)
+
+        Raises
+        ------
+        InputError
+            For arguments that are out of range or unknown, and after `remove_data`.
         """
-        if starts is not None and (not len(starts) or min(starts) <= 0):
-            raise located("starts", tuple(starts), "positive standard deviations")
-        best = maximise(self.patterns, self.rule, starts, max_iterations)
+        check_known(method, others)
+        iterations = check_iterations(max_iterations if maxiter is None else maxiter)
+        starts = check_starts(starts)
+        start = None if start_params is None else check_start_params(self._parameters(start_params))
+        best = maximise(kept(self, "patterns", "fit"), self.rule, starts, iterations, start)
         results = LogisticMixedResults(self, best, cov_type)
         results.notes = notes_of(results)
         if warn:
@@ -330,21 +363,4 @@ class LogisticMixedModel(base.LikelihoodModel):
         intercepts : array [rows], optional
             Random intercepts on the logit scale (sigma u), for "conditional" and "linear".
         """
-        params = np.asarray(params, float)
-        if exog is None:
-            exog, offset = self.exog, self.offset if offset is None else offset
-        exog = np.atleast_2d(np.asarray(exog, float))
-        eta = exog @ params[:-1]
-        if offset is not None:
-            eta = eta + optional_array(np.broadcast_to(offset, eta.shape), len(eta), "offset")
-        if which == "marginal":
-            if intercepts is not None:
-                raise located("predict", Phrase("'marginal' with groups"), "'conditional' or 'linear' for groups")
-            return mean_probability(eta, abs(params[-1]))
-        if intercepts is not None:
-            eta = eta + intercepts
-        if which == "linear":
-            return eta
-        if which == "conditional":
-            return np.asarray(expit(eta))
-        raise located("which", which, "'marginal', 'conditional' or 'linear'")
+        return predict_rows(self, self._parameters(params), exog, which, offset, intercepts)

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from models.errors import InputError, Phrase, located
-from models.glmm_input import unwrapped
+from models.glmm_coordinates import Coordinates
+from models.glmm_input import kept, unwrapped
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -39,6 +41,9 @@ def likelihood_ratio(full: LogisticMixedResults, restricted: LogisticMixedResult
             "restricted model", Phrase(f"{small.shape[1]} coefficients, the full one {big.shape[1]}"),
             "fewer coefficients than the full model",
         )  # fmt: skip
+    # In working coordinates: seconds since 1970 beside an intercept look like one column.
+    coordinates = full.maximum.coordinates
+    big, small = coordinates.apply(big), Coordinates.of(small).apply(small)
     weights, *_ = np.linalg.lstsq(big, small, rcond=None)
     outside = np.abs(big @ weights - small).max(axis=0) > 1e-7 * np.maximum(np.abs(small).max(axis=0), 1e-300)
     if outside.any():
@@ -60,6 +65,8 @@ def check_comparable(first: LogisticMixedResults, second: LogisticMixedResults) 
     if not hasattr(second, "maximum"):
         raise located("restricted model", Phrase(type(second).__name__), "a fitted LogisticMixedModel")
     a, b = first.model, second.model
+    for model in (a, b):
+        kept(model, "patterns", "comparison of models")
     if a.rule.n_nodes != b.rule.n_nodes:
         raise located("quadrature", Phrase(f"{a.rule.name}, and {b.rule.name}"), "one rule for both models")
     if len(a.endog) != len(b.endog):
@@ -96,10 +103,20 @@ def about_fixed_effects(r_matrix: Any, names: Sequence[str]) -> Any:
     from statsmodels.formula._manager import FormulaManager
 
     given = r_matrix[0] if isinstance(r_matrix, tuple) else r_matrix
-    if isinstance(given, str) or (isinstance(given, list) and isinstance(given[0], str)):
-        matrix = FormulaManager().get_linear_constraints(given, list(names)).constraint_matrix
+    wanted = f"names and numbers of {', '.join(names)}"
+    if isinstance(given, str) or (isinstance(given, list) and given and isinstance(given[0], str)):
+        try:
+            matrix = FormulaManager().get_linear_constraints(given, list(names)).constraint_matrix
+        except Exception as error:  # engines raise what they like
+            raise located("hypothesis", str(given), f"{wanted} ({str(error).splitlines()[0]})") from None
     else:
-        matrix = np.atleast_2d(np.asarray(given, float))
+        try:
+            matrix = np.atleast_2d(np.asarray(given, float))
+        except (TypeError, ValueError):
+            raise located("hypothesis", Phrase(type(given).__name__), wanted) from None
+        if matrix.ndim != 2 or matrix.shape[1] not in (len(names) - 1, len(names)):
+            found = Phrase(f"shape {np.shape(given)}")
+            raise located("hypothesis", found, f"{len(names) - 1} numbers a hypothesis: {', '.join(names[:-1])}")
         if matrix.shape[1] == len(names) - 1:
             matrix = np.column_stack([matrix, np.zeros(len(matrix))])
             r_matrix = (matrix, r_matrix[1]) if isinstance(r_matrix, tuple) else matrix
@@ -107,6 +124,14 @@ def about_fixed_effects(r_matrix: Any, names: Sequence[str]) -> Any:
         found = Phrase(f"one about {names[-1]}")
         raise located("hypothesis", found, "variance_test() for it: no z or chi-square holds")
     return r_matrix
+
+
+def untestable(r_matrix: Any, names: Sequence[str], unbounded: NDArray[np.bool_]) -> int:
+    """Number of hypotheses, if any of them is about a parameter without a finite estimate; else 0."""
+    from statsmodels.formula._manager import FormulaManager
+
+    matrix = np.atleast_2d(FormulaManager().get_linear_constraints(r_matrix, list(names)).constraint_matrix)
+    return len(matrix) if (matrix[:, unbounded] != 0).any() else 0
 
 
 def aic_table(fits: dict[str, Any] | Sequence[Any]) -> pd.DataFrame:

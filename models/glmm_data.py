@@ -7,6 +7,7 @@ a continuous covariate nothing is shared and the patterns are the groups.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -161,10 +162,28 @@ class Patterns:
             multiplicity * (self.n_groups / multiplicity.sum()), np.arange(len(chosen)), self.constant,
         )  # fmt: skip
 
+    def only(self, rows: NDArray[np.bool_], columns: Sequence[int]) -> Patterns:
+        """Some rows and columns of the design; patterns that lose all their rows are left out."""
+        length = np.add.reduceat(rows.astype(np.int64), self.start[:-1])
+        kept = np.flatnonzero(length > 0)
+        number = np.full(self.n_patterns, -1, np.int64)
+        number[kept] = np.arange(len(kept))
+        of_group = number[self.of_group]
+        return Patterns(
+            np.ascontiguousarray(self.design[rows][:, columns]), self.offset[rows], self.successes[rows],
+            self.trials[rows], np.concatenate([[0], np.cumsum(length[kept])]).astype(np.int64),
+            self.multiplicity[kept], of_group[of_group >= 0], self.constant,
+        )  # fmt: skip
+
+    @cached_property
+    def cell_of_row(self) -> tuple[Integers, Integers]:
+        """Number of every row's distinct covariates (offset included), and the first row of each number."""
+        return _cells(np.column_stack([self.design, self.offset]))
+
     @cached_property
     def cells(self) -> tuple[Array, Array, Array, Array]:
         """Distinct covariate rows over all groups: design, offset, successes, trials."""
-        code, first = _cells(np.column_stack([self.design, self.offset]))
+        code, first = self.cell_of_row
         times = np.repeat(self.multiplicity, np.diff(self.start))
         return (
             self.design[first],

@@ -17,6 +17,20 @@ def unwrapped(results: Any) -> Any:
     return getattr(results, "_results", results)
 
 
+def kept(model: Any, name: str, what: str) -> Any:
+    """An attribute that `remove_data` takes away.
+
+    Raises
+    ------
+    InputError
+        If it is gone; `what` says what it was wanted for.
+    """
+    value = getattr(model, name)
+    if value is None:
+        raise located(what, Phrase("a fit whose data were removed"), "the fit as it was before remove_data()")
+    return value
+
+
 def optional_array(value: Any, n_rows: int, place: str) -> Array | None:
     """A numeric array of one number a row, or None.
 
@@ -28,12 +42,29 @@ def optional_array(value: Any, n_rows: int, place: str) -> Array | None:
     if value is None:
         return None
     try:
-        array = np.asarray(value, dtype=float)
+        # pandas' missing values are no numbers to numpy.
+        plain = value.to_numpy(float, na_value=np.nan) if isinstance(value, (pd.Series, pd.Index)) else value
+        array = np.asarray(plain, dtype=float)
     except (TypeError, ValueError):
         raise located(place, Phrase("values that are no numbers"), "one number a row") from None
     if array.shape != (n_rows,):
         raise located(place, Phrase(f"shape {array.shape}"), f"one number for each of the {n_rows} rows")
     return array
+
+
+def per_row(value: Any, n_rows: int, place: str) -> Array | None:
+    """One number a row, or one number for all rows.
+
+    Raises
+    ------
+    InputError
+    """
+    if value is not None and not isinstance(value, str) and np.ndim(value) == 0:
+        try:
+            value = np.full(n_rows, float(value))
+        except (TypeError, ValueError):
+            raise located(place, value, "a number, or one number a row") from None
+    return optional_array(value, n_rows, place)
 
 
 def group_codes(groups: Any, n_rows: int) -> tuple[Array, pd.Index]:
@@ -111,22 +142,39 @@ def check_design(design: Array, names: Sequence[str]) -> None:
     """
     if design.shape[1] == 0:
         raise located("covariates", Phrase("none"), "at least an intercept")
-    cross = np.einsum("ij,ik->jk", design, design)
-    scale = np.sqrt(np.diag(cross))
-    scale[scale == 0] = 1.0
-    cross /= np.outer(scale, scale)
-    redundant: list[int] = []
-    for column in range(design.shape[1]):
-        before = [c for c in range(column) if c not in redundant]
-        left = cross[column, column]
-        if before:
-            along = cross[before, column]
-            left = left - along @ np.linalg.solve(cross[np.ix_(before, before)], along)
-        if left < 1e-12:
-            redundant.append(column)
+    redundant = redundant_columns(design)
     if redundant:
         listed = ", ".join(repr(names[c]) for c in redundant)
         raise located("covariates", Phrase(f"{listed}, which the other columns determine"), "independent columns")
+
+
+def redundant_columns(design: Array) -> list[int]:
+    """Columns that those before them determine, but for rounding.
+
+    Columns far from zero are centred first where there is a constant: seconds since 1970 are no second intercept.
+    """
+    mean = design.mean(axis=0)
+    spread = np.sqrt(np.mean((design - mean) ** 2, axis=0))
+    constant = np.flatnonzero((spread <= 1e-12 * np.abs(mean)) & (mean != 0.0))
+    redundant = [int(c) for c in constant[1:]]
+    centred = design - mean if len(constant) else design
+    basis = np.empty((0, len(design)))
+    for column in range(design.shape[1]):
+        if column in constant:
+            continue
+        values = centred[:, column]
+        size = float(np.sqrt(values @ values))
+        left = values / size if size > 0 else values
+        for _ in range(2):  # once more, for what rounding left of the first
+            left = left - basis.T @ (basis @ left)
+        # What is left of a column far from zero is known only as well as the column itself.
+        known = 64 * np.finfo(float).eps * float(np.abs(design[:, column]).max()) * np.sqrt(len(values))
+        remainder = float(np.sqrt(left @ left))
+        if size == 0 or remainder < max(1e-6, known / size):
+            redundant.append(column)
+        else:
+            basis = np.vstack([basis, left / remainder])
+    return sorted(redundant)
 
 
 def check_counts(successes: Array, trials: Array, weights: Array, outcome: str, counted: bool) -> None:

@@ -22,8 +22,11 @@ from scipy.special import expit, logit
 from scipy.stats import norm
 
 from models.errors import Phrase, located
+from models.glmm_arguments import check_alpha
 from models.glmm_data import Array
-from models.glmm_input import unwrapped
+from models.glmm_formula import named_column
+from models.glmm_input import kept, per_row, unwrapped
+from models.glmm_table import is_used
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -112,29 +115,54 @@ def probability_and_slopes(eta: Array, sd: float) -> tuple[Array, Array, Array]:
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def marginal_probabilities(results: LogisticMixedResults, exog: Any = None, alpha: float = 0.05) -> pd.DataFrame:
+def marginal_probabilities(
+    results: LogisticMixedResults, exog: Any = None, alpha: float = 0.05, offset: Any = None
+) -> pd.DataFrame:
     """Population-averaged probabilities of rows, with intervals.
 
     Parameters
     ----------
     exog : DataFrame or array_like, optional
         As for `LogisticMixedResults.predict`; the data of the fit where it is not given.
+    offset : str, number or array_like, optional
+        Of new rows; it must be given if the model has one (0 for none). The fit's own rows keep theirs.
 
     Returns
     -------
     DataFrame
         Columns ``probability``, ``lower``, ``upper``; intervals by the delta method on the logit scale.
+
+    Raises
+    ------
+    InputError
+        For what cannot be predicted, an unknown level, and the rows of the fit after `remove_data`.
     """
     results = unwrapped(results)
+    check_alpha(alpha)
     design, index = results.design_of(exog)
-    offset = results.model.offset if exog is None else 0.0
+    if exog is None:
+        shift = results.model.offset if offset is None else per_row(offset, len(design), "offset")
+    else:
+        if isinstance(exog, pd.DataFrame):
+            offset = named_column(exog, offset, "offset")
+        if offset is None and results.has_offset:
+            raise located("offset", Phrase("none"), "that of the new rows (0 for none): the model has an offset")
+        shift = per_row(0.0 if offset is None else offset, len(design), "offset")
     theta = np.asarray(results.params)
-    p, by_eta, by_sd = probability_and_slopes(offset + design @ theta[:-1], theta[-1])
+    p, by_eta, by_sd = probability_and_slopes(shift + design @ theta[:-1], theta[-1])
     jacobian = np.column_stack([by_eta[:, None] * design, by_sd])
-    variance = np.einsum("ij,jk,ik->i", jacobian, results.cov_params(), jacobian)
+    variance = _variances(jacobian, results.cov_params())
     half = norm.ppf(1 - alpha / 2) * np.sqrt(np.maximum(variance, 0)) / (p * (1 - p))
     columns = {"probability": p, "lower": expit(logit(p) - half), "upper": expit(logit(p) + half)}
     return pd.DataFrame(columns, index=index)
+
+
+def _variances(rows: Array, covariance: Array) -> Array:
+    """Variances of linear combinations; NaN only for those with a parameter that has none."""
+    without = np.isnan(np.diag(covariance))
+    found = np.einsum("ij,jk,ik->i", rows, np.nan_to_num(covariance), rows)
+    found[(rows[:, without] != 0).any(axis=1)] = np.nan
+    return np.asarray(found)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
@@ -169,9 +197,13 @@ def marginal_contrast(
     Raises
     ------
     InputError
-        For a variable the model does not know.
+        For a variable the model does not know or values it cannot take, and after `remove_data`.
     """
     results = unwrapped(results)
+    if not hasattr(results, "maximum"):
+        raise located("results", Phrase(type(results).__name__), "a fitted LogisticMixedModel")
+    check_alpha(alpha)
+    _check_settings(results, setting, reference)
     model, theta = results.model, np.asarray(results.params)
     first, second = _set(results, setting), _set(results, reference)
     covariance = results.cov_params()
@@ -194,13 +226,17 @@ def marginal_contrast(
         on_logit = jacobian / (p * (1 - p))[:, None]
 
         def interval(centre: float, gradient: Array) -> tuple[float, float]:
-            half = level * np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
+            half = level * np.sqrt(np.maximum(_variances(gradient[None], covariance)[0], 0.0))
             return centre - half, centre + half
 
         ends = [expit(interval(odds[i], on_logit[i])) for i in range(2)]
         difference = interval(p[0] - p[1], jacobian[0] - jacobian[1])
         ratio = np.exp(interval(odds[0] - odds[1], on_logit[0] - on_logit[1]))
     elif method == "simulation":
+        if not isinstance(draws, (int, np.integer)) or draws < 2:
+            raise located("draws", draws, "a whole number from 2")
+        if np.isnan(covariance).any():
+            raise located("method", method, "'delta': parameters without a finite estimate cannot be drawn")
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
         sample = rng.multivariate_normal(theta, covariance, size=draws, method="eigh")
         # Distinct pairs of rows only: a draw costs as much as a fit otherwise.
@@ -236,8 +272,20 @@ def _conditional(shift: Array, theta: Array, covariance: Array, level: float) ->
     if not np.allclose(shift, row):
         return None
     centre = float(row @ theta[:-1])
-    half = level * float(np.sqrt(max(row @ covariance[:-1, :-1] @ row, 0.0)))
+    half = level * float(np.sqrt(np.maximum(_variances(row[None], covariance[:-1, :-1])[0], 0.0)))
     return Estimate(float(np.exp(centre)), float(np.exp(centre - half)), float(np.exp(centre + half)))
+
+
+def _check_settings(results: LogisticMixedResults, *settings: Any) -> None:
+    kept(results.model, "exog", "marginal_contrast")
+    for place, values in zip(("setting", "reference"), settings, strict=True):
+        if not isinstance(values, Mapping):
+            raise located(place, values, "variables and their values, as {'signal': 1}")
+        for name, value in values.items():
+            if np.ndim(value) != 0:
+                raise located(f"{place}, {name}", Phrase(f"{np.size(value)} values"), "one value for all rows")
+            if pd.isna(value):
+                raise located(f"{place}, {name}", value, "a value")
 
 
 def _set(results: LogisticMixedResults, values: Mapping[str, Any]) -> Array:
@@ -250,12 +298,18 @@ def _set(results: LogisticMixedResults, values: Mapping[str, Any]) -> Array:
         for name, value in values.items():
             if name not in names:
                 raise located("setting", name, f"one of {', '.join(names)}")
-            design[:, names.index(name)] = value
+            try:
+                design[:, names.index(name)] = float(value)
+            except (TypeError, ValueError):
+                raise located(f"setting, {name}", value, "a number") from None
         return np.asarray(design)
     known = [str(column) for column in frame.columns]
+    right = str(model.formula).split("~", 1)[1]
     for name in values:
         if name not in known:
             raise located("setting", name, f"one of the columns {', '.join(known)}")
+        if not is_used(name, right):
+            raise located("setting", name, f"a variable of the formula ({right.strip()}): this one changes nothing")
     rows = (
         frame if model.data.missing_row_idx is None else frame.drop(index=frame.index[model.data.missing_row_idx])
     )

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from models.glmm_climb import FAR, climb
 from models.glmm_data import MANY, Likelihood, Patterns, Rule
-from models.glmm_optimise import FAR, PART, Maximum, climb, maximise
+from models.glmm_input import kept, unwrapped
+from models.glmm_optimise import PART, Maximum, maximise
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -74,8 +76,9 @@ def check_nodes(patterns: Patterns, rule: Rule, best: Maximum) -> NodeCheck:
     sd, finer = float(best.theta[-1]), Rule.hermite(2 * rule.n_nodes + 1)
     if best.boundary:  # without a variance every rule is exact
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd, np.nan, False)
+    patterns, top = best.coordinates.patterns(patterns), best.top
     try:
-        inverse = np.linalg.inv(-best.hessian)
+        inverse = np.linalg.inv(-best.curvature)
     except np.linalg.LinAlgError:
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, np.nan, np.nan, False)
     error = float(np.sqrt(max(inverse[-1, -1], 0.0)))
@@ -83,16 +86,16 @@ def check_nodes(patterns: Patterns, rule: Rule, best: Maximum) -> NodeCheck:
         # What the rule does to the estimate is seen as well on a part of the groups, both rules on the same part.
         part = patterns.part(PART)
         ours, other = (
-            climb(Likelihood(part, r), best.theta, inverse=inverse, stop=PRECISION).theta[-1] for r in (rule, finer)
+            climb(Likelihood(part, r), top, inverse=inverse, stop=PRECISION).theta[-1] for r in (rule, finer)
         )
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(other - ours), error, True)
     likelihood = Likelihood(patterns, finer)
-    _, gradient = likelihood(best.theta)
+    _, gradient = likelihood(top)
     step = inverse @ gradient
     if gradient @ step <= SMALL_STEP**2:
         return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(step[-1]), error, False)
     far = gradient @ step > FAR**2  # too far for what the other rule's curvature says
-    again = climb(likelihood, best.theta, inverse=None if far else inverse, stop=PRECISION)
+    again = climb(likelihood, top, inverse=None if far else inverse, stop=PRECISION)
     return NodeCheck(rule.n_nodes, finer.n_nodes, sd, float(again.theta[-1]), error, True)
 
 
@@ -106,8 +109,9 @@ def node_table(results: LogisticMixedResults, nodes: Sequence[int] = (1, 3, 7, 1
         compared across rows except to see it settle.
     """
     names = list(results.model.data.param_names)
+    patterns = kept(unwrapped(results).model, "patterns", "node_table")
     rows = []
     for k in nodes:
-        best = maximise(results.model.patterns, Rule.hermite(k))
+        best = maximise(patterns, Rule.hermite(k))
         rows.append(dict(zip([*names, "log-likelihood"], [*best.theta, best.value], strict=True)))
     return pd.DataFrame(rows, index=pd.Index(nodes, name="nodes"))

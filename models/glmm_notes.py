@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.glmm_separation import ceiling_cells, find_separation
+from models.glmm_separation import ceiling_cells
 from models.glmm_warnings import (
     BoundaryWarning,
     CeilingWarning,
     ConvergenceWarning,
+    FlatLikelihoodWarning,
     MixedModelWarning,
     QuadratureWarning,
     SeparationWarning,
@@ -20,6 +21,9 @@ from models.glmm_warnings import (
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
+
+REACH = 1.92
+"""Fall of the log-likelihood that a 95% interval of one parameter allows (half the quantile of chi-square)."""
 
 
 @dataclass(frozen=True)
@@ -32,34 +36,35 @@ class Note:
 
 def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
     """All that apply to a fit, gravest first."""
-    model, best = results.model, results.maximum
-    names = [str(name) for name in model.exog_names]
+    model, best, escape = results.model, results.maximum, results.escape
     notes: list[Note] = []
-    separation = find_separation(model.patterns, best.pooled_beta, names)
-    if separation:
-        every = "every row" if separation.complete else f"{separation.n_cells} covariate rows"
-        shown = "; ".join(str(cell) for cell in separation.cells[:4])
+    if escape.within_groups:
+        notes.append(Note(SeparationWarning, _within_groups(results)))
+    if escape.separation:
+        notes.append(Note(SeparationWarning, _separated(results)))
+    else:
+        cells = ceiling_cells(model.patterns, [str(name) for name in model.exog_names])
+        if cells:
+            listed = "; ".join(str(cell) for cell in cells[:4])
+            notes.append(
+                Note(CeilingWarning, f"only one outcome in {listed}: what is said there rests on the other cells")
+            )
+        if not best.converged and not escape.within_groups:
+            why = "every search was cut short, or ended where the curvature is that of no maximum"
+            if np.isfinite(best.step):
+                why = f"the step left is {best.step:.1e} standard errors"
+            notes.append(Note(ConvergenceWarning, f"no maximum found: {why}"))
+    if escape.any or not best.converged:
+        return tuple(notes)  # what follows is said of a maximum
+    if escape.limit is not None and escape.finite - escape.limit.value < REACH:
         notes.append(
             Note(
-                SeparationWarning,
-                f"{' and '.join(separation.coefficients)}: no finite estimate, {every} predicted perfectly "
-                f"({shown}); "
-                "the coefficients are where the search stopped, their errors and tests mean nothing",
+                FlatLikelihoodWarning,
+                f"outcomes are separated within every group, and with {name_of_sd(results)} at infinity the "
+                f"log-likelihood is still {escape.limit.value:.4f}, against {escape.finite:.4f} at best: profile "
+                "intervals are open, and Wald's are too short",
             )
         )
-    else:
-        cells = ceiling_cells(model.patterns, names)
-        if cells:
-            shown = "; ".join(str(cell) for cell in cells[:4])
-            notes.append(
-                Note(CeilingWarning, f"only one outcome in {shown}: what is said there rests on the other cells")
-            )
-        if not best.converged:
-            notes.append(
-                Note(ConvergenceWarning, f"no maximum found: the step left is {best.step:.1e} standard errors")
-            )
-    if separation or not best.converged:
-        return tuple(notes)  # what follows is said of a maximum
     if best.boundary:
         notes.append(
             Note(
@@ -78,6 +83,41 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
     if check.dependent or not np.isfinite(check.finer_sd):
         notes.append(Note(QuadratureWarning, f"the estimate depends on the number of nodes: {check.text}"))
     return tuple(notes)
+
+
+def _separated(results: LogisticMixedResults) -> str:
+    separation = results.escape.separation
+    assert separation is not None
+    every = "every row" if separation.complete else f"{separation.n_cells} covariate rows"
+    listed = "; ".join(str(cell) for cell in separation.cells[:4])
+    columns = [str(name) for name in results.model.exog_names]
+    others = [columns[i] for i, sign in zip(separation.positions, separation.signs, strict=True) if not sign]
+    more = f"no row is left to estimate {' and '.join(others)} from; " if others else ""
+    return (
+        f"{' and '.join(separation.coefficients)}: no finite estimate, {every} predicted perfectly ({listed}); "
+        f"{more}the numbers in params are where the search stopped, there are no errors, tests or intervals"
+    )
+
+
+def _within_groups(results: LogisticMixedResults) -> str:
+    escape, sd = results.escape, name_of_sd(results)
+    assert escape.limit is not None
+    if escape.limit.constant_groups:
+        why = f"every group is constant: {sd} runs to infinity, and the coefficients with it"
+    else:
+        columns = [str(name) for name in results.model.exog_names]
+        columns = [columns[i] for i in escape.columns] if escape.columns else columns
+        moving = [
+            n for n, d, v in zip(columns, escape.limit.direction, escape.limit.within, strict=True) if d and v
+        ]
+        why = (
+            f"the outcomes within every group that varies are separated by {' and '.join(moving)}, so that the "
+            f"coefficients and {sd} run to infinity together"
+        )
+    return (
+        f"{why}. No parameter has a finite estimate (the log-likelihood rises to {escape.limit.value:.4f}); the "
+        "numbers in params are where the search stopped, there are no errors, tests or intervals"
+    )
 
 
 def name_of_sd(results: LogisticMixedResults) -> str:

@@ -9,18 +9,31 @@ so two or three Newton steps find an end; every inner search starts on the line 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
+from models.glmm_climb import climb
 from models.glmm_data import Array, Likelihood
-from models.glmm_optimise import Maximum, climb
+from models.glmm_optimise import Maximum
 
 FARTHEST = 60.0
 """Standard errors beyond which an end that has not been met is called infinite."""
 
 CLOSE = 1e-6
 """Relative precision of the signed root at an end."""
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """The maximum in coordinates of which one is the parameter to profile."""
+
+    likelihood: Likelihood
+    theta: Array
+    value: float
+    inverse: Array
+    boundary: bool
 
 
 def profile_intervals(likelihood: Likelihood, best: Maximum, which: Sequence[int], alpha: float = 0.05) -> Array:
@@ -48,40 +61,49 @@ def profile_intervals(likelihood: Likelihood, best: Maximum, which: Sequence[int
     if not best.converged:
         return ends
     size = len(best.theta)
-    information = -best.hessian.copy()
-    if best.boundary:
-        # No curvature to trust in the sd: a unit of it keeps the inner searches' matrix definite.
-        information[-1], information[:, -1] = 0.0, 0.0
-        information[-1, -1] = 1.0
-    inverse = np.linalg.inv(information)
+    usual = likelihood
+    if not best.coordinates.trivial:
+        usual = Likelihood(best.coordinates.patterns(likelihood.patterns), likelihood.rule)
     for row, index in enumerate(which):
+        coordinates, turn, factor = best.coordinates.holding(index)
+        same = coordinates is best.coordinates
+        information = -(turn.T @ best.curvature @ turn)
+        if best.boundary:
+            # No curvature to trust in the sd: a unit of it keeps the inner searches' matrix definite.
+            information[-1], information[:, -1] = 0.0, 0.0
+            information[-1, -1] = 1.0
+        peak = _Peak(
+            usual if same else Likelihood(coordinates.patterns(likelihood.patterns), likelihood.rule),
+            turn.T @ best.top, best.value, np.linalg.inv(information), best.boundary,
+        )  # fmt: skip
         for side in (-1, 1):
             if index == size - 1 and best.boundary and side < 0:
                 ends[row, 0] = 0.0
             else:
-                ends[row, (side + 1) // 2] = _end(likelihood, best, inverse, index, side, wanted)
+                end = _end(peak, index, side if factor > 0 else -side, wanted)
+                ends[row, (side + 1) // 2] = factor * end
     return ends
 
 
-def _end(likelihood: Likelihood, best: Maximum, inverse: Array, index: int, side: int, wanted: float) -> float:
-    is_sd = index == len(best.theta) - 1
-    centre, error = float(best.theta[index]), float(np.sqrt(inverse[index, index]))
-    if is_sd and best.boundary:
+def _end(peak: _Peak, index: int, side: int, wanted: float) -> float:
+    is_sd = index == len(peak.theta) - 1
+    centre, error = float(peak.theta[index]), float(np.sqrt(peak.inverse[index, index]))
+    if is_sd and peak.boundary:
         error = 0.5
-    direction = inverse[:, index] / inverse[index, index]
+    direction = peak.inverse[:, index] / peak.inverse[index, index]
     if is_sd and side < 0:
-        root = _root(likelihood, best, inverse, index, 0.0, best.theta - centre * direction)[0]
+        root = _root(peak, index, 0.0, peak.theta - centre * direction)[0]
         if root <= wanted:
             return 0.0
     # The end is always between `inside`, where the root is too small, and `outside`, where it is too large.
     inside, outside = 0.0, np.inf
-    distance, theta = wanted * error, best.theta
-    theta = best.theta + side * distance * direction
+    distance = wanted * error
+    theta = peak.theta + side * distance * direction
     for _ in range(60):
         if is_sd and side < 0:
             distance = min(distance, 0.5 * (inside + centre) if distance >= centre else distance)
             theta[index] = centre - distance
-        root, slope, found = _root(likelihood, best, inverse, index, centre + side * distance, theta)
+        root, slope, found = _root(peak, index, centre + side * distance, theta)
         if abs(root - wanted) <= CLOSE * wanted:
             return centre + side * distance
         if root < wanted:
@@ -95,23 +117,21 @@ def _end(likelihood: Likelihood, best: Maximum, inverse: Array, index: int, side
             new = 0.5 * (inside + outside) if np.isfinite(outside) else 2.0 * distance
         new = min(new, 4.0 * distance)
         # Along the line from the maximum to the point just found, which bends with the profile.
-        theta = best.theta + (found - best.theta) * (new / distance)
+        theta = peak.theta + (found - peak.theta) * (new / distance)
         distance = new
         if outside - inside <= 1e-9 * error:
             break
     return centre + side * distance
 
 
-def _root(
-    likelihood: Likelihood, best: Maximum, inverse: Array, index: int, value: float, start: Array
-) -> tuple[float, float, Array]:
+def _root(peak: _Peak, index: int, value: float, start: Array) -> tuple[float, float, Array]:
     """Root of twice the fall of the profile at a value, its slope away from the maximum, and the point."""
     theta = np.array(start, float)
     theta[index] = value
-    search = climb(likelihood, theta, fixed=index, inverse=inverse)
+    search = climb(peak.likelihood, theta, fixed=index, inverse=peak.inverse)
     point = search.theta.copy()
-    fall = 2.0 * (best.value - search.value)
+    fall = 2.0 * (peak.value - search.value)
     root = float(np.sqrt(max(fall, 0.0)))
-    _, gradient = likelihood(point)
+    _, gradient = peak.likelihood(point)
     slope = abs(float(gradient[index])) / root if root > 0 else 0.0
     return root, slope, point

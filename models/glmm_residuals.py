@@ -5,6 +5,10 @@ Rows of a group are taken in order. The probability of each outcome given the gr
 :math:`F(y_j - 1)` and :math:`F(y_j)` is then exactly uniform, and independent between rows, if the model is right
 (Rosenblatt 1952; Dunn & Smyth 1996). Residuals that use fitted intercepts have no such distribution: they look tame
 whatever the data.
+
+Two questions are asked of them. Their distribution over all rows (Kolmogorov--Smirnov) says little: an intercept in
+the formula makes it nearly uniform whatever else is missing. Means within classes of rows (`ResidualCheck.by`) show
+what the formula misses, and outweigh it.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from scipy.stats import kstest, norm
 from models.compiled import kernel
 from models.errors import Phrase, located
 from models.glmm_data import Array, Likelihood
-from models.glmm_input import unwrapped
+from models.glmm_input import kept, unwrapped
 
 STREAM = 7_403
 """First element of the spawn keys used here."""
@@ -37,7 +41,7 @@ class ResidualCheck:
         Their standard normal quantiles.
     ks, p : float
         Kolmogorov--Smirnov distance from the uniform distribution, and its p; estimated parameters make it
-        cautious.
+        cautious, and a large p is no evidence for the model.
     seed : int
     """
 
@@ -51,9 +55,39 @@ class ResidualCheck:
     def text(self) -> str:
         """The check in a sentence."""
         return (
-            f"randomised quantile residuals: Kolmogorov-Smirnov {self.ks:.4f}, p = {self.p:.3g} "
-            f"({len(self.uniform)} rows, seed {self.seed})"
+            f"randomised quantile residuals, all rows together: Kolmogorov-Smirnov {self.ks:.4f}, p = {self.p:.3g} "
+            f"({len(self.uniform)} rows, seed {self.seed}); classes of rows can be off all the same"
         )
+
+    def verdict(self, by: pd.DataFrame) -> str:
+        """One judgement from classes of rows and the distribution together, classes first.
+
+        Parameters
+        ----------
+        by : DataFrame
+            Rows of `ResidualCheck.by`, of one or several variables; its index names the classes.
+        """
+        limit = self.limit(len(by))
+        worst = by.loc[by["z"].abs() > limit, "z"].sort_values(key=np.abs, ascending=False)
+        apart = f"Kolmogorov-Smirnov p = {self.p:.2g} over all rows"
+        if len(worst):
+            named = ", ".join(f"{name} ({z:+.1f})" for name, z in worst.items())
+            even = " does not show it, as it looks at all of them at once" if self.p >= 0.05 else " agrees"
+            return (
+                f"The residuals speak against the model: mean residuals beyond {limit:.1f} standard errors in "
+                f"{named}. {apart}{even}."
+            )
+        if self.p < 0.05:
+            return f"The residuals speak against the model ({apart}), though no class of rows stands out."
+        return (
+            f"The residuals show nothing against the model: no class of {len(by)} has a mean beyond {limit:.1f} "
+            f"standard errors ({apart})."
+        )
+
+    @staticmethod
+    def limit(n_classes: int) -> float:
+        """|z| that one of all classes exceeds with a probability of 5% if the model is right (Šidák)."""
+        return float(norm.isf((1 - 0.95 ** (1 / max(n_classes, 1))) / 2))
 
     def by(self, values: Any, name: str = "value") -> pd.DataFrame:
         """Mean residual within classes of a variable, in or out of the model.
@@ -95,6 +129,7 @@ def residual_check(results: Any, seed: int = 1) -> ResidualCheck:
     """
     results = unwrapped(results)
     model, theta = results.model, np.asarray(results.params)
+    kept(model, "patterns", "residual_check")
     if (model.freq_weights == 0).any():
         raise located("frequency weights", 0, "positive weights for residuals")
     order = np.argsort(model.group_code, kind="stable")

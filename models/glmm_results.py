@@ -9,18 +9,20 @@ import pandas as pd
 from scipy.stats import norm
 from statsmodels.base import model as base
 from statsmodels.base import wrapper as wrap
+from statsmodels.stats.contrast import ContrastResults
 from statsmodels.tools._decorators import cache_readonly
 
 from models.errors import Phrase, located
-from models.glmm_comparison import about_fixed_effects, likelihood_ratio
+from models.glmm_arguments import check_alpha
+from models.glmm_comparison import about_fixed_effects, likelihood_ratio, untestable
 from models.glmm_data import Array, Likelihood
-from models.glmm_formula import named_column, new_design
+from models.glmm_escape import Escape, find_escape
+from models.glmm_input import kept
 from models.glmm_nodes import NodeCheck, check_nodes
-from models.glmm_optimise import Maximum, negative_definite
+from models.glmm_optimise import Maximum
 from models.glmm_posterior import intercepts
-from models.glmm_profile import profile_intervals
-from models.glmm_robust import sandwich
-from models.glmm_summary import summary_of
+from models.glmm_prediction import design_of, offset_of, shifts_of
+from models.glmm_summary import GroupSizes, summary_of
 
 if TYPE_CHECKING:
     from models.glmm import LogisticMixedModel
@@ -39,8 +41,14 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         Fixed effects (log odds ratios for one and the same group), then the standard deviation of the intercept.
     maximum : Maximum
         How it was found: searches, evaluations, the pooled fit.
+    escape : Escape
+        Which parameters have no finite estimate (separated data): NaN stands for their errors and intervals.
     node_check : NodeCheck
         The standard deviation against that under 2 K + 1 nodes.
+    sizes : GroupSizes
+        Trials of the groups.
+    has_offset : bool
+        Whether any row has an offset.
     notes : tuple of Note
         What must be known before the fit is read; also raised as warnings.
     converged, boundary : bool
@@ -56,34 +64,28 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
             raise located("cov_type", cov_type, "'model' or 'robust'")
         self._cache: dict[str, Any] = {}  # remove_data() wants it before anything is cached
         self.maximum = maximum
+        self.escape: Escape = find_escape(model.patterns, model.rule, maximum, [str(n) for n in model.exog_names])
         self.notes: tuple[Note, ...] = ()
         self.nobs = model.nobs
         self.df_model, self.df_resid = model.df_model, model.df_resid
-        inverse = self._inverse_information(maximum)
-        super().__init__(model, maximum.theta, normalized_cov_params=inverse)
+        super().__init__(model, maximum.theta, normalized_cov_params=self._covariance(model, "model"))
         self.cov_type = cov_type
         if cov_type == "robust":
-            self.cov_params_default = sandwich(self._likelihood(), maximum.theta, inverse)
+            self.cov_params_default = self._covariance(model, "robust")
+        self.sizes, self.has_offset = GroupSizes.of(model), bool(model.offset.any())
         self.node_check: NodeCheck = check_nodes(model.patterns, model.rule, maximum)
 
-    @staticmethod
-    def _inverse_information(maximum: Maximum) -> Array:
-        """Inverse of minus the Hessian; zero for a standard deviation on the boundary, NaN without a maximum."""
-        size = len(maximum.theta)
-        free = np.arange(size - 1 if maximum.boundary else size)
-        inverse = np.zeros((size, size))
-        block = maximum.hessian[np.ix_(free, free)]
-        inverse[np.ix_(free, free)] = np.linalg.inv(-block) if negative_definite(block) else np.nan
-        return inverse
+    def _covariance(self, model: LogisticMixedModel, kind: str) -> Array:
+        return self.escape.covariance(self.maximum, model.rule, model.patterns, kind)
 
-    def _likelihood(self) -> Likelihood:
-        return Likelihood(self.model.patterns, self.model.rule)
+    def _likelihood(self, what: str) -> Likelihood:
+        return Likelihood(kept(self.model, "patterns", what), self.model.rule)
 
     # -- estimates ---------------------------------------------------------------------------------
     @property
     def converged(self) -> bool:
-        """Whether a maximum was found."""
-        return self.maximum.converged
+        """Whether a maximum was found; not where the standard deviation runs to infinity with the coefficients."""
+        return self.maximum.converged and not self.escape.within_groups
 
     @property
     def boundary(self) -> bool:
@@ -107,7 +109,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
 
     @cache_readonly
     def bse(self) -> Array:
-        """Standard errors; NaN for a standard deviation on the boundary."""
+        """Standard errors; NaN for a standard deviation on the boundary, and without a finite estimate."""
         with np.errstate(invalid="ignore"):
             errors = np.sqrt(np.diag(self.cov_params()))
         if self.boundary:
@@ -144,9 +146,14 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         if kind is not None:
             if kind not in KINDS:
                 raise located("kind", kind, "'model' or 'robust'")
-            inverse = self.normalized_cov_params
-            cov_p = inverse if kind == "model" else sandwich(self._likelihood(), self.params, inverse)
-        return np.asarray(super().cov_params(r_matrix, column, scale, cov_p, other))
+            if kind == "robust" and self.cov_type != "robust":
+                kept(self.model, "patterns", "cov_params(kind='robust')")
+                cov_p = self._covariance(self.model, "robust")
+            else:
+                cov_p = self.cov_params_default if kind == "robust" else self.normalized_cov_params
+        if r_matrix is None or not self.escape.any:
+            return np.asarray(super().cov_params(r_matrix, column, scale, cov_p, other))
+        return self.escape.combinations(np.asarray(super().cov_params(scale=scale, cov_p=cov_p)), r_matrix, other)
 
     # -- intervals ---------------------------------------------------------------------------------
     def conf_int(self, alpha: float = 0.05, method: str = "wald", which: Any = None) -> Array:
@@ -159,9 +166,15 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         method : {"wald", "profile"}
             Estimate plus and minus multiples of the standard error (cut off at zero for the sd), or the values
             that a likelihood-ratio test does not reject: prefer these for the sd and near the ceiling.
-        which : sequence of str, optional
+        which : str or sequence of str, optional
             Names of parameters to profile; rows of the others are NaN.
+
+        Raises
+        ------
+        InputError
+            For a level outside 0 to 1, an unknown method or parameter, and a profile after `remove_data`.
         """
+        check_alpha(alpha)
         if method == "wald":
             if which is not None:
                 raise located("which", Phrase("given"), "method='profile' with it")
@@ -172,12 +185,17 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         if method != "profile":
             raise located("method", method, "'wald' or 'profile'")
         names = list(self.model.data.param_names)
-        unknown = [name for name in which or [] if name not in names]
-        if unknown:
-            raise located("which", unknown[0], f"one of {', '.join(names)}")
+        if which is not None:
+            which = [which] if isinstance(which, str) else which
+            if not np.iterable(which):
+                raise located("which", which, "a list of names of parameters")
+            unknown = [name for name in which if not isinstance(name, str) or name not in names]
+            if unknown:
+                raise located("which", unknown[0], f"one of {', '.join(names)}")
+        patterns = kept(self.model, "patterns", "conf_int(method='profile')")
         positions = [i for i, name in enumerate(names) if which is None or name in which]
         ends = np.full((len(names), 2), np.nan)
-        ends[positions] = profile_intervals(self._likelihood(), self.maximum, positions, alpha)
+        ends[positions] = self.escape.profile(self.maximum, self.model.rule, patterns, positions, alpha)
         return ends
 
     @np.errstate(over="ignore")  # separated data: infinite ends are what is meant
@@ -204,9 +222,16 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         return super().t_test(about_fixed_effects(r_matrix, self.model.data.param_names), cov_p=cov_p, use_t=use_t)
 
     def wald_test(self, r_matrix: Any, *args: Any, **kwargs: Any) -> Any:
-        """Joint chi-square test of linear hypotheses about the fixed effects (statsmodels' arguments)."""
+        """Joint chi-square test of linear hypotheses about the fixed effects (statsmodels' arguments).
+
+        NaN where one of them is about a coefficient without a finite estimate.
+        """
         kwargs.setdefault("scalar", True)
-        return super().wald_test(about_fixed_effects(r_matrix, self.model.data.param_names), *args, **kwargs)
+        r_matrix = about_fixed_effects(r_matrix, self.model.data.param_names)
+        if self.escape.any and (df := untestable(r_matrix, self.model.data.param_names, self.escape.unbounded)):
+            nothing = {"chi2": np.nan, "statistic": np.nan}
+            return ContrastResults(df_denom=df, distribution="chi2", distargs=(df,), **nothing)
+        return super().wald_test(r_matrix, *args, **kwargs)
 
     def compare_lr_test(self, restricted: Any) -> tuple[float, float, int]:
         """Likelihood-ratio test against a model nested in this one: ``(lr, p, df)``.
@@ -221,20 +246,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     # -- predictions -------------------------------------------------------------------------------
     def design_of(self, exog: Any) -> tuple[Array, Any]:
         """Design matrix of new rows, or of the fit's own, with their index."""
-        if exog is None:
-            return self.model.exog, self.model.data.row_labels
-        if isinstance(exog, dict):
-            exog = pd.DataFrame(
-                exog if any(np.ndim(v) for v in exog.values()) else {k: [v] for k, v in exog.items()}
-            )
-        if hasattr(self.model, "formula"):
-            design, index = new_design(self.model, exog)
-        else:
-            design = np.atleast_2d(np.asarray(exog, float))
-            index = getattr(exog, "index", pd.RangeIndex(len(design)))
-        if design.shape[1] != len(self.params) - 1:
-            raise located("exog", Phrase(f"{design.shape[1]} columns"), f"{len(self.params) - 1}")
-        return design, index
+        return design_of(self, exog)
 
     def predict(
         self, exog: Any = None, which: str = "marginal", groups: Any = None, offset: Any = None
@@ -251,44 +263,33 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         groups : str or array_like, optional
             Label of each row's group (or the name of the column): predictions then include the mode of its
             intercept, as lme4's do. Groups that the fit has not seen are refused.
-        offset : str or array_like, optional
+        offset : str, number or array_like, optional
             Of new rows, 0 where it is not given; the fit's own rows keep theirs.
 
         Returns
         -------
         Series
+
+        Raises
+        ------
+        InputError
+            For rows without the variables, offsets or groups of another length, and groups that are unknown.
         """
         design, index = self.design_of(exog)
-        if exog is None and offset is None:
-            offset = self.model.offset
-        elif isinstance(exog, pd.DataFrame):
-            offset = named_column(exog, offset, "offset")
-        shifts = None
-        if groups is not None:
-            if isinstance(exog, pd.DataFrame):
-                groups = named_column(exog, groups, "groups")
-            elif exog is None and isinstance(groups, str) and groups == self.model.group_name:
-                groups = self.model.groups
-            if np.shape(groups) != (len(design),):
-                raise located(
-                    "groups", Phrase(f"shape {np.shape(groups)}"), f"one label for each of {len(design)} rows"
-                )
-            position = self.model.group_labels.get_indexer(pd.Index(np.asarray(groups)))
-            if (position < 0).any():
-                unknown = np.asarray(groups)[position < 0][0]
-                raise located("groups", Phrase(str(unknown)), "groups of the fit; which='marginal' for others")
-            shifts = self.random_effects["mode"].to_numpy()[position]
+        offset, shifts = offset_of(self, exog, offset), shifts_of(self, exog, groups, len(design))
         values = self.model.predict(self.params, design, which=which, offset=offset, intercepts=shifts)
         return pd.Series(values, index=index)
 
     @cache_readonly
     def fittedvalues(self) -> Array:
         """Probabilities of the fit's rows averaged over groups."""
+        kept(self.model, "exog", "fittedvalues")
         return np.asarray(self.model.predict(self.params))
 
     @cache_readonly
     def resid(self) -> Array:
         """Observed proportions less `fittedvalues`."""
+        kept(self.model, "successes", "resid")
         return self.model.successes / self.model.trials - self.fittedvalues
 
     @property
@@ -305,9 +306,20 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
 
     def random_effects_interval(self, alpha: float = 0.05) -> pd.DataFrame:
         """`random_effects` at another level; all intervals take the estimates as known."""
-        posterior = intercepts(self._likelihood(), self.params, alpha)
+        check_alpha(alpha)
+        posterior = intercepts(self._likelihood("random_effects"), self.params, alpha)
         labels = pd.Index(self.model.group_labels, name=self.model.group_name)
         return posterior.table(self.model.patterns.of_group, labels)
+
+    def remove_data(self) -> None:
+        """Drop everything of the size of the data, as in statsmodels; what needs it raises `InputError` then.
+
+        Estimates, Wald intervals, tests, summary, and predictions for new rows remain.
+        """
+        super().remove_data()
+        self.escape = self.escape.without_data()
+        for name in ("fittedvalues", "resid"):
+            self._cache.pop(name, None)  # else None would stand for them
 
     def bootstrap(self, *args: Any, **kwargs: Any) -> Any:
         """Not offered: statsmodels' own resamples rows, and rows of a group are not independent.
@@ -326,8 +338,9 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         Parameters
         ----------
         method : {"wald", "profile"}
-            Kind of intervals.
+            Kind of intervals; that of the standard deviation is by profile in both where the data are at hand.
         """
+        check_alpha(alpha)
         return summary_of(self, alpha, method, title)
 
 

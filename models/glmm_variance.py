@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from models.errors import located
+from models.errors import Phrase, located
 from models.glmm_data import Array
-from models.glmm_input import unwrapped
+from models.glmm_input import kept, unwrapped
 from models.glmm_optimise import maximise
 from models.glmm_simulation import patterns_of, simulate_successes
 
@@ -72,10 +72,13 @@ def variance_test(results: Any, method: str = "chibar", draws: int = 499, seed: 
     Raises
     ------
     InputError
-        For another method, or fewer than 19 draws.
+        For another method, fewer than 19 draws, a bootstrap after `remove_data`, and where the standard deviation
+        runs to infinity.
     """
     results = unwrapped(results)
     model, best = results.model, results.maximum
+    if results.escape.unbounded[-1]:
+        raise located("variance_test", Phrase("a standard deviation that runs off"), "a fit with a maximum")
     lr = max(0.0, 2.0 * (best.value - best.pooled_value))
     if best.boundary:
         lr = 0.0
@@ -86,6 +89,7 @@ def variance_test(results: Any, method: str = "chibar", draws: int = 499, seed: 
         raise located("method", method, "'chibar' or 'bootstrap'")
     if draws < 19:
         raise located("draws", draws, "at least 19")
+    kept(model, "patterns", "variance_test(method='bootstrap')")
     null = np.append(best.pooled_beta, 0.0)
     simulated, failed = np.empty(draws), 0
     for i in range(draws):

@@ -8,7 +8,11 @@ class MixedModelWarning(UserWarning):
 
 
 class SeparationWarning(MixedModelWarning):
-    """Some covariates predict the outcome perfectly: coefficients run off to infinity."""
+    """Covariates predict the outcome perfectly, or within every group: parameters run off to infinity."""
+
+
+class FlatLikelihoodWarning(MixedModelWarning):
+    """The likelihood at infinity is within reach of an interval, though lower than at the estimate."""
 
 
 class CeilingWarning(MixedModelWarning):

@@ -54,6 +54,9 @@ class Reward:
         for name, cost in self.costs.items():
             if not np.isfinite(cost):
                 raise located(f"reward, cost of {name}", cost, "a finite number")
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not np.isfinite(self.prosocial()).all():
+                raise located("reward, r", self.r, "a steepness at which exp(r x) is a finite number")
 
     def prosocial(self) -> NDArray[np.float64]:
         r"""Part that depends on the state: :math:`\exp(r x_s) - \exp(r x_0)`, shape ``[s]``."""

@@ -35,13 +35,16 @@ import numpy as np
 import pandas as pd
 
 from analysis.datasets import load, log_digest
-from analysis.design import published
+from analysis.design import published, study1_design
+from analysis.evidence import read_evidence
+from analysis.figures.coverage import coverage_by_parameter
 from analysis.figures.curves import curves
 from analysis.figures.notebook import panels, show
 from analysis.figures.odds import odds_forest, rates_beside, residual_classes
 from analysis.figures.quadrature import rules_near_ceiling
 from analysis.figures.signal_by_state import signal_effects
 from analysis.fits import stored_fit
+from analysis.mixed_model_groups import group_table, influence_of
 from analysis.notebooks import ABSENT
 from analysis.printed_regression import READING, STATE_CLAIM, consistency
 from analysis.quadrature_study import quadrature_study
@@ -51,6 +54,7 @@ from analysis.regression_readings import readings
 from analysis.regression_sources import LAPLACE, QUADRATURE, long_form, of_fit, of_print, side_by_side
 from analysis.regression_words import interaction_sentence, odds_sentence, rules_sentence
 from analysis.signal_by_state import NEXT, SAME, signal_by_state
+from analysis.simulate import calibrated_truth
 from models.errors import InputError
 from models.glmm import LogisticMixedModel
 from models.glmm_marginal import mean_probability
@@ -151,6 +155,40 @@ print(ceiling.sentence)
 # **What not to conclude:** that Laplace is useless. With thirty responses a person it is fine (see the real people below).
 # That is why the workbench prints, with every fit, what twice the nodes would change.
 #
+# ## Do intervals keep their word?
+#
+# An interval of 95% should hold the truth in 95 of 100 studies. Five hundred studies were drawn from the mixed model itself
+# under the published design, at two rates of help, each fitted by both rules, with a profile and a Wald interval of every
+# parameter. That is stored evidence (`prosocial coverage` makes it anew):
+
+# %%
+stored = read_evidence("mixed_model")
+print(stored.provenance)
+found = pd.DataFrame(stored.content["table"])
+axes = panels(4.4, 4.4, height=3.4)
+for ax, rate in zip(axes, stored.content["rates"], strict=True):
+    coverage_by_parameter(
+        found[found["intercept"] == rate["intercept"]], 0.95, title=f"{rate['rate']:.0%} of responses are helping",
+        legend=ax is axes[-1], ax=ax,
+    )  # fmt: skip
+show(
+    axes[0],
+    "simulated",
+    "Share of 500 studies whose interval holds the truth; the band is where exact intervals lie.",
+)
+print(stored.sentence)
+
+# %%
+found.pivot_table(index=["intercept", "parameter"], columns=["rule", "interval"], values="share", sort=False).round(
+    3
+)
+
+# %% [markdown]
+# **How to read it.** By quadrature every interval of both kinds stays in the band. By Laplace the intervals of the spread and
+# of the intercept miss the truth far too often, and near the ceiling those of the odds ratios hold it always: they are nearly
+# twice as wide as they should be, because the spread is. **What not to conclude:** that a Wald interval is as good as a profile
+# one. Near the ceiling it misses to one side: see `below` and `above` in the evidence.
+#
 # ## Profile intervals
 #
 # A Wald interval assumes that the log-likelihood is a parabola. A profile interval asks which values a likelihood-ratio
@@ -183,6 +221,36 @@ pd.DataFrame({"estimate": small.params, **rows}).round(2)
 # symmetric interval hides that. **What not to conclude:** that profile intervals mend Laplace. They are exact for the
 # likelihood they are given.
 #
+# ## What else a fit knows
+#
+# Everybody's intercept with an interval, and how much the fit hangs on each person. At the command line,
+# `prosocial glmm simulated_study1 --groups people.csv` writes this table.
+
+# %%
+table = group_table(study.main)
+table.drop_duplicates("successes").sort_values("successes")[
+    ["successes", "mode", "mean", "sd", "lower", "upper", "cook"]
+].round(3)
+
+# %%
+print(influence_of(study.main)["text"])
+
+# %% [markdown]
+# **How to read it.** One person for each number of helping responses. Whoever helped three times of three has an interval
+# that reaches far up: there is no saying how high. Leaving out anybody moves no estimate by more than a fraction of its
+# standard error; the few who never helped although their robot did move it most.
+#
+# Where a group of people always responds alike, the fit says so by name instead of printing a large number with a small
+# star. Here the sixty people again, those with a helping robot made to help always:
+
+# %%
+always = few.assign(help=np.where(few["robot_help"] == 1, 1, few["help"]))
+for note in (
+    LogisticMixedModel.from_formula("help ~ signal + robot_help + (1|participant)", always).fit(warn=False).notes
+):
+    print(f"{note.category.__name__}: {note.text}")
+
+# %% [markdown]
 # ## Beside the printed numbers
 #
 # The people here are simulated and are not the paper's; the column of printed numbers is for orientation.
@@ -294,16 +362,27 @@ for found in effects.values():
 #
 # ## Study 2: analysis of variance, Tukey, Dunnett
 #
-# Five policies, before and after, 100 people. The numbers below are made up on the spot: people differ, everybody improves,
-# and two policies are better than the rest.
+# What is printed of study 2 can be held against itself: with 100 people under five policies, p and effect sizes follow from
+# the printed F.
 
 # %%
 from analysis.anova import mixed_anova
 from analysis.anova_logistic import logistic_twin
+from analysis.figures.comparisons import cell_means, compared_groups
 from analysis.posthoc import PersonValues, dunnett, tukey
-from analysis.power_printed import printed_sizes
+from analysis.printed_anova import anova_consistency, printed_anova
 from analysis.repeated_measures import RepeatedMeasures
 
+printed = printed_anova(published())
+print(anova_consistency(printed))
+printed.drop(columns="agrees").round(4)
+
+# %% [markdown]
+# Study 2's people are not part of this project, and its game is not played in this notebook. So the numbers below are made up
+# on the spot, in study 2's design: five policies, before and after, 100 people. People differ, everybody improves, and two
+# policies are better than the rest.
+
+# %%
 rng = np.random.default_rng(SEED)
 policies = np.repeat(["ls-POMDP", "always", "never", "myopic", "reactive"], 20)
 better = pd.Series(policies).map({"ls-POMDP": 8, "always": 8}).fillna(0).to_numpy()
@@ -313,36 +392,179 @@ rows = [
     for i in range(100)
     for time, gain in (("first", 0), ("last", 6 + better[i]))
 ]
-names = {"between": "policy", "within": "time", "subject": "id"}
+names = {"between": "policy", "within": "time", "subject": "id", "times": ("first", "last")}
 measures = RepeatedMeasures.from_frame(pd.DataFrame(rows), dv="performance", **names)
-print(mixed_anova(measures).sentence)
-people = PersonValues.at(measures)
-print(tukey(people).sentence)
-print(dunnett(people, "ls-POMDP").sentence)
+tested, people = mixed_anova(measures), PersonValues.at(measures)
+print(tested.sentence)
+show(
+    cell_means(tested.cells, xlabel="time", ylabel="performance (made up)"), "simulated",
+    "Means with 95% intervals. Two policies rise more than the others: an interaction.",
+)  # fmt: skip
+
+# %%
+pairs, versus = tukey(people), dunnett(people, "ls-POMDP")
+axes = panels(4.4, 4.4, height=3.4)
+compared_groups(pairs, xlabel="performance", ax=axes[0])
+compared_groups(versus, xlabel="performance", ax=axes[1])
+show(axes[0], "simulated", "All ten pairs by Tukey; the four comparisons with ls-POMDP by Dunnett.")
+print(pairs.sentence)
+print(versus.sentence)
 
 # %% [markdown]
 # **How to read it.** A policy that works shows as an *interaction*: before it acts, there is nothing to differ. The paper
 # compares four policies with one, its own, and prints Tukey's comparisons of all ten pairs; Dunnett's test is made for
-# comparing with one reference and loses less. What is fed matters: one value a person, here the last.
+# comparing with one reference and loses less: compare the lengths of the intervals. What is fed matters: one value a person,
+# here the last.
 #
 # Whether somebody helped is 0 or 1. An analysis of variance ignores that its variance depends on its mean; the mixed model
-# of this notebook, with `policy * time`, is the test that fits:
+# of this notebook, with `policy * time`, is the test that fits. It comes in the same two types, and unlike there the type
+# matters for log-odds even where groups are of one size:
 
 # %%
 chance = 1 / (1 + np.exp(-(0.5 + 0.25 * (np.array([row["performance"] for row in rows]) - 65))))
 helped = pd.DataFrame(rows).assign(help=(rng.random(200) < chance).astype(int))
 twin = RepeatedMeasures.from_frame(helped, dv="help", **names)
 print(mixed_anova(twin).sentence)
-logistic_twin(twin).table.round(4)
+for ss_type in (3, 2):
+    beside = logistic_twin(twin, ss_type)
+    print(f"\n{beside.title}, sd {beside.sd:.2f}:")
+    print(beside.table.round(4).to_string(index=False))
+    print(*beside.notes, sep="\n")
 
 # %% [markdown]
 # ## Power
 #
 # The paper prints f = .25, $\alpha$ = .05, power .95 and the numbers of people 200 and 90. Which test they belong to is not
-# printed:
+# printed, and neither is the correlation between two measurements of a person, on which the number hangs:
 
 # %%
-print(printed_sizes().sentence)
+from analysis.figures.power import power_by_people
+from analysis.power_contraction import ALL_MOVES, ContractionPower, contraction_power, schedules_design
+from analysis.power_curves import reached
+from analysis.power_formulas import FTestDesign, curve_people, power_curve, sample_size
+from analysis.power_printed import printed_sizes
+
+sizes = printed_sizes()
+print(sizes.sentence)
+
+# %%
+axes = panels(5.0, 5.0, height=4.4)
+for ax, (name, part) in zip(axes, sizes.curves().groupby("study", sort=False), strict=True):
+    own = sizes.table[sizes.table["study"] == name]
+    power_by_people(
+        {test: rows.rename(columns={"power": "value"}) for test, rows in part.groupby("test", sort=False)}, 0.95,
+        reached=dict(zip(own["test"], own["n"], strict=True)), printed=own["printed"].iloc[0], title=name, ax=ax,
+    )  # fmt: skip
+show(
+    axes[0],
+    "definition",
+    "Power of the tests each study could have meant, f = .25; the star is the printed number.",
+)
+
+# %% [markdown]
+# One number of people for one test is not an answer, for nobody knows the correlation $\rho$ beforehand. The same
+# interaction of five policies and two times:
+
+# %%
+designs = [FTestDesign("interaction", 5, times=2, rho=rho) for rho in (0.2, 0.43, 0.6, 0.8)]
+lines = {
+    f"rho = {d.rho:g}": pd.DataFrame({"people": (at := curve_people(d, 110)), "value": power_curve(d, at)})
+    for d in designs
+}
+needed = {f"rho = {d.rho:g}": float(sample_size(d)) for d in designs}
+ax = power_by_people(lines, 0.95, reached=needed, printed=90)
+show(
+    ax,
+    "definition",
+    "Interaction 5 x 2 at four correlations. The printed 90 people are what the formula asks for at rho = .43.",
+)
+
+# %% [markdown]
+# **How to read it.** Between a correlation of .2 and one of .8 lies a factor of four in people. **What not to conclude:** that
+# the paper assumed .43: nothing printed says so.
+#
+# ### The mixed model, by simulation
+#
+# Formulas of F tests know neither a bounded outcome nor two or three responses a person. So studies are drawn from the mixed
+# model under study 1's design, with the printed odds ratios and an intercept and spread that are not printed and were chosen,
+# and fitted like any other.
+
+# %%
+from analysis.power_simulation import (
+    STUDY1_SD,
+    STUDY1_TRUTH,
+    TEST_NAMES,
+    MixedModelPower,
+    mixed_model_power,
+    study1_rows,
+)
+
+sizes_of = {"signal": (100, 200, 400, 800, 1600), "robot_help": (20, 40, 80, 160)}
+simulated = {
+    term: mixed_model_power(
+        MixedModelPower(study1_rows(), STUDY1_TRUTH, STUDY1_SD, (term,), at, 40 if FAST else 300, seed=SEED)
+    )
+    for term, at in sizes_of.items()
+}
+axes = panels(4.4, 4.4, height=3.2)
+for ax, (term, found) in zip(axes, simulated.items(), strict=True):
+    lines = {
+        TEST_NAMES[test]: part.rename(columns={"power": "value"})
+        for test, part in found.table.groupby("test", sort=False)
+    }
+    needed = {
+        name: reached(*part[["people", "value", "low", "high"]].to_numpy().T, 0.8).n for name, part in lines.items()
+    }
+    power_by_people(lines, 0.8, reached=needed, title=f"{term}: odds ratio {np.exp(STUDY1_TRUTH[term]):.2f}", ax=ax)
+show(axes[0], "simulated", "Share of simulated studies with p < .05, with its 95% interval; 80% wanted.")
+for found in simulated.values():
+    print(found.sentence(0.8))
+
+# %%
+null = MixedModelPower(
+    study1_rows(), STUDY1_TRUTH | {"signal": 0.0}, STUDY1_SD, ("signal",), (540,), 100 if FAST else 1000, seed=SEED
+)
+mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(3)
+
+# %% [markdown]
+# **How to read it.** The printed effect of the robot's help needs about seventy people; that of signalling about a thousand, for
+# most people are at the ceiling, where a signal has little left to change. With the 540 who took part a signal of that size
+# would be found about every second time, so that p = .077 is no evidence against it. The last table is the size of the
+# tests: without an effect they are significant in about 5% of studies.
+#
+# ### The latent-state model's own question
+#
+# No null hypothesis is tested with the latent-state model. Its question is: with how many people, and which sequences, does
+# a transition table become *known*? Contraction, $1 - \operatorname{var}(\text{posterior})/\operatorname{var}(\text{prior})$,
+# says how much of the prior doubt a study removes. Studies are drawn from a known truth with four states and learned from:
+
+# %%
+few_draws = NutsSettings(60, 60, 2) if FAST else NutsSettings(250, 250, 2)
+plans = {
+    "study 1": study1_design(),
+    "HRHRH": schedules_design(["HRHRH"]),
+    "study 2": schedules_design([published()["study2"]["sequence"]]),
+}
+at = (50, 100) if FAST else (100, 400, 1600, 6400)
+asked = ContractionPower(calibrated_truth(), plans, at, 2 if FAST else 4, sampler=few_draws, seed=SEED)
+known = contraction_power(asked)
+curve = known.table[known.table["table"] == ALL_MOVES].rename(columns={"mean": "value"})
+lines = dict(list(curve.groupby("design", sort=False)))
+needed = {name: known.reached(0.5, ALL_MOVES, name).n for name in lines}
+ax = power_by_people(lines, 0.5, reached=needed, ylabel="expected contraction, all moves", log_x=True)
+show(ax, "simulated", "Expected contraction of the transition tables by people and sequences, with 90% intervals.")
+print(known.sentence(0.5))
+
+# %%
+needed = pd.DataFrame({name: {t: known.reached(0.5, t, name).n for t in known.tables} for name in asked.designs})
+needed.map(lambda n: f"more than {at[-1]:,}" if np.isnan(n) else f"{np.ceil(n):,.0f}").rename_axis("people needed")
+
+# %% [markdown]
+# **How to read it.** Half of the doubt about how states move takes thousands of people with study 1's five rounds. Study 2's
+# nine rounds, with five responses a person instead of three, do it with less than half as many. Five rounds in strict
+# alternation do least: between two responses there is always a move of the robot's signal *and* one of its help, so that
+# only products of two tables enter the likelihood; study 2 alternates too, but shows more of these products. How a state *responds* is known long before how it moves. **What not to
+# conclude:** that tables are known once this line is crossed: it is a mean over studies and a median over entries.
 
 # %% [markdown]
 # ## What to take along
@@ -354,4 +576,6 @@ print(printed_sizes().sentence)
 # | how sure is it? | profile intervals near the ceiling |
 # | does the model describe the data? | residuals by round, condition, schedule |
 # | is it causal? | only what the design assigned |
+# | may I believe the intervals? | coverage: by quadrature yes, by Laplace near the ceiling no |
+# | were there enough people? | power by simulation, with its assumptions; contraction for tables |
 # | does it depend on the state? | the difference between states with its interval, not the model's name |

@@ -34,14 +34,20 @@ from dataclasses import replace
 
 from analysis.datasets import load
 from analysis.figures.curves import curves
-from analysis.figures.notebook import show
-from analysis.figures.planning import gap_over_time, reward_curves, value_slices
-from analysis.policy_study import policy_study, state_paths
+from analysis.figures.notebook import panels, show
+from analysis.figures.planning import gap_over_time, value_slices
+from analysis.figures.planning_beliefs import belief_trajectory
+from analysis.figures.planning_graph import policy_graph
+from analysis.figures.reward import reward_by_state
+from analysis.policy_graph import policy_graph_of
+from analysis.policy_study import STUDY2, belief_paths, policy_study, state_paths
 from analysis.simulate import calibrated_truth
 from models.baum_welch import BaumWelch
+from models.planning.baselines import Reciprocal, always, never
 from models.planning.controller import controller_of
 from models.planning.finite_memory import infinite_value
 from models.planning.latent import latent_problem
+from models.planning.plan_policy import PlanPolicy
 from models.planning.problems import problem as standard
 from models.planning.solver import solve
 from models.reward import PUBLISHED_X
@@ -49,9 +55,9 @@ from models.reward import PUBLISHED_X
 # %%
 truth = calibrated_truth()
 show(
-    reward_curves(PUBLISHED_X, (0.001, 0.04, 0.06, 0.08, 0.09), truth.state_names, marked=0.06), "definition",
-    "What a person in each state is worth a round, by the steepness $r$ (the paper's figure). The axis is linear "
-    "below 1 and logarithmic above.",
+    reward_by_state(PUBLISHED_X, (0.001, 0.04, 0.06, 0.08, 0.09), truth.state_names, cost=15), "definition",
+    "What a person in each state is worth a round, by the steepness $r$ (the paper's figure; it plans with $r = 0.06$). "
+    "The axis is linear up to 10 and logarithmic above. At $r = 0.06$ a round in the third state is worth about one act of help.",
 )  # fmt: skip
 
 # %% [markdown]
@@ -109,7 +115,20 @@ policy = solutions["help 40, signal 3"].policy
 print(policy.why(truth.initial, 0).sentence)
 
 # %% [markdown]
-# A policy compiled to a controller needs no belief at run time, and its value is a linear system, no simulation:
+# The vectors know which vector follows each response, so the policy is also a graph. It needs no belief at run time:
+# the robot is in a box, does what it says, and goes where the response points.
+
+# %%
+graph = policy_graph_of(solutions["help 40, signal 3"])
+print(graph.sentence)
+show(
+    policy_graph(graph), "truth",
+    "The policy at help 40, signal 3, from its start. Below each action: the share of the discounted time, and the "
+    "expected state of the person. Whoever refuses is helped next; whoever keeps helping is helped every other time.",
+)  # fmt: skip
+
+# %% [markdown]
+# The value of such a controller is a linear system, no simulation:
 
 # %%
 for name, solution in solutions.items():
@@ -128,7 +147,7 @@ for name, solution in solutions.items():
 known = {name: solve(standard(name), 1e-3, time_limit=20) for name in ("tiger", "rock_sample_4_4")}
 show(
     gap_over_time(known), "definition",
-    "Both bounds over time. Tiger: the published value is 19.3714.",
+    "The gap between the bounds over time, both axes logarithmic. Tiger: the published value is 19.3714.",
 )  # fmt: skip
 
 # %% [markdown]
@@ -142,6 +161,22 @@ fit = BaumWelch(truth.n_states, restarts=30 if FAST else 200, seed=SEED).fit(log
 learned = policy_study(truth, learned=fit.model)
 print(learned.sentence)
 learned.table.round(3)
+
+# %% [markdown]
+# How wrong are they? Areas show where each policy takes people in the truth, dashes what the robot believes meanwhile.
+
+# %%
+robots = [PlanPolicy.of(learned.learned_plan, "learned plan"), never(truth.protocol), always(truth.protocol),
+          Reciprocal(truth.protocol)]  # fmt: skip
+for ax, robot in zip(panels(2.5, 2.5, 2.5, 2.5, height=2.4), robots, strict=True):
+    states, believed = belief_paths(robot, truth, fit.model)
+    belief_trajectory(states, STUDY2, truth.state_names, believed=believed, title=robot.name, ax=ax)
+show(
+    ax, "simulated",
+    "Shares by state before each round and after the last, in the truth; dashed, how the robot's mean belief divides. The "
+    "robot's four states are not the truth's four: 540 people of five rounds each hardly determine such tables "
+    "(notebook 4), and these swap states back and forth.",
+)  # fmt: skip
 
 # %% [markdown]
 # The learned tables plan well although they are wrong: what counts is which action is best, not by how much.

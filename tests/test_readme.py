@@ -58,7 +58,7 @@ def run_outside(folder: Path, *words: str) -> tuple[int, str, str]:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_exist_and_explain_themselves(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = command.split()[1:]
-    depth = 2 if words[0] in ("data", "simulate", "fits", "power") else 1
+    depth = 2 if words[0] in ("data", "simulate", "fits", "power", "replicate") else 1
     status, out, err = run(capsys, *words[:depth], "--help")
     assert status == 0, err
     assert "Example: prosocial" in out

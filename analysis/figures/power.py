@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,9 @@ from analysis.figures.style import (
     axes,
     styled,
 )
+
+LONG_NAME = 24
+"""Letters of a series' name from which the legend stands below the plot, where it covers no curve."""
 
 
 @styled
@@ -53,11 +57,15 @@ def power_by_people(
     title : str
     ax : Axes, optional
     """
-    ax = axes(5.2, 3.3) if ax is None else ax
+    below = max(map(len, series)) > LONG_NAME
+    ax = axes(5.2, 3.3 + (0.4 + 0.2 * len(series)) * below) if ax is None else ax
     reached = reached or {}
     ax.axhline(wanted, color=FAINT, linewidth=0.9, linestyle=(0, (4, 3)))
-    ax.annotate(f"{wanted:g} wanted", (0, wanted), xycoords=("axes fraction", "data"), xytext=(3, -9),
-                textcoords="offset points", ha="left", color=FAINT, fontsize=8)  # fmt: skip
+    # Curves that end above the line leave room below its right end, others below its left one.
+    right = all(float(table["value"].iloc[-1]) > wanted + 0.03 for table in series.values())
+    ax.annotate(f"{wanted:g} wanted", (float(right), wanted), xycoords=("axes fraction", "data"),
+                xytext=(-3 if right else 3, -9), textcoords="offset points", ha="right" if right else "left",
+                color=FAINT, fontsize=8)  # fmt: skip
     widest = max(float(table["people"].max()) for table in series.values())
     for i, (name, table) in enumerate(series.items()):
         x, y = table["people"].to_numpy(float), table["value"].to_numpy(float)
@@ -65,14 +73,18 @@ def power_by_people(
         few = "low" in table
         label = name
         if name in reached:
-            label += f": {reached[name]:,.0f}" if np.isfinite(reached[name]) else f": not by {x[-1]:,.0f}"
+            label += f": {np.ceil(reached[name]):,.0f}" if np.isfinite(reached[name]) else f": not by {x[-1]:,.0f}"
         if few:
             # Neighbours are moved apart a little, so that intervals at the same number of people can be told apart.
             step = i - (len(series) - 1) / 2
             at = x * 1.03**step if log_x else x + 0.006 * widest * step
             low, high = table["low"].to_numpy(float), table["high"].to_numpy(float)
-            ax.errorbar(at, y, (y - low, high - y), color=colour, linestyle=line, label=label,
-                        marker=MARKERS[i % len(MARKERS)], capsize=2.5, linewidth=1.4, elinewidth=1.0)  # fmt: skip
+            ax.errorbar(at, y, (y - low, high - y), color=colour,
+                        marker=MARKERS[i % len(MARKERS)], capsize=2.5, linewidth=0, elinewidth=1.0)  # fmt: skip
+            # Between simulated numbers as `analysis.power_curves.reached` has it, so that its mark is on the line.
+            root = np.linspace(np.sqrt(x[0]), np.sqrt(x[-1]), 200)
+            ax.plot(root**2, np.interp(root, np.sqrt(x), y), color=colour, linestyle=line, linewidth=1.4)
+            ax.plot([], [], color=colour, linestyle=line, marker=MARKERS[i % len(MARKERS)], label=label)
         else:
             ax.plot(x, y, color=colour, linestyle=line, label=label)
         if np.isfinite(reached.get(name, np.nan)):
@@ -91,10 +103,9 @@ def power_by_people(
     ax.set_ylim(min(0.0, *lows) - 0.02 if min(lows) < 0 else 0.0, 1.02)
     ax.set(xlabel="people", ylabel=ylabel, title=title)
     ax.grid(axis="y")
-    ax.legend(
-        loc="upper left" if _leaves_upper_left_free(series) else "lower right",
-        title="people needed" if reached else None, title_fontsize=8.5, alignment="left",
-    )  # fmt: skip
+    inside = "upper left" if _leaves_upper_left_free(series) else "lower right"
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (-0.08, -0.17)} if below else {"loc": inside}
+    ax.legend(title="people needed" if reached else None, title_fontsize=8.5, alignment="left", **place)
     return ax
 
 

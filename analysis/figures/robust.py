@@ -33,7 +33,7 @@ def value_distributions(values: Mapping[str, np.ndarray], weight: np.ndarray, *,
     weight : float64[d]
     ax : Axes, optional
     """
-    ax = axes(5.6, 3.3) if ax is None else ax
+    ax = axes(6.6, 3.4) if ax is None else ax
     level = np.linspace(0, 1, SHOWN)
     for i, (name, own) in enumerate(values.items()):
         order = np.argsort(own, kind="stable")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
+from analysis.report.letters import each_with_its_own
 from models.errors import InputError
 
 MISSING = "--pdf: WeasyPrint cannot be used ({}); install the extra `pdf`, or print the HTML file from a browser"
@@ -42,5 +43,5 @@ def to_pdf(page: str) -> bytes:
     def refuse(url: str, *_: Any, **__: Any) -> Any:
         raise ValueError(f"the report is self-contained, yet it refers to {url}")
 
-    document: bytes = weasyprint.HTML(string=page, url_fetcher=refuse).write_pdf()
+    document: bytes = weasyprint.HTML(string=each_with_its_own(page), url_fetcher=refuse).write_pdf()
     return document

@@ -8,15 +8,19 @@ from dataclasses import dataclass
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, NotSupported, Section
 from analysis.report.sections import (
+    anova,
     evidence,
     flow,
     held_out,
     learned,
     limits,
     people,
+    plan,
+    power,
     provenance,
     regression,
     reward,
+    robust,
     states,
     study,
     uncertainty,
@@ -54,7 +58,11 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("people", "Do people differ?", people.make),
     Entry("held-out", "What a model says of conditions it has not seen", held_out.make),
     Entry("regression", "The regression", regression.make),
+    Entry("anova", "Analysis of variance", anova.make),
+    Entry("power", "How many people?", power.make),
     Entry("reward", "The reward", reward.make),
+    Entry("plan", "What the robot should do", plan.make),
+    Entry("robust", "What the robot should do, given the doubt", robust.make),
     Entry("evidence", "Can the method be trusted?", evidence.make),
     Entry("limits", "What this does not show", limits.make),
 )

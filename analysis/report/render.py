@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.report.context import ReportContext
+from analysis.report.letters import Letters
 from analysis.report.section import Figure, Part, Section, Table
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -39,12 +40,13 @@ def render(sections: Sequence[Section], context: ReportContext) -> str:
     numbers: dict[str, int] = {}
     for kind in (Figure, Table):
         numbers |= {b.key: i for i, b in enumerate((b for b in blocks if isinstance(b, kind)), start=1)}
-    page = _environment().get_template("report.html.j2")
+    page, letters = _environment().get_template("report.html.j2"), Letters()
     return page.render(
         sections=sections,
         context=context,
         number=numbers,
-        panels=panels,
+        panels=partial(panels, letters=letters),
+        letters=letters,
         rows=rows,
         prose=prose,
         kind=lambda block: type(block).__name__,
@@ -63,13 +65,14 @@ def _environment() -> jinja2.Environment:
     )
 
 
-def panels(figure: Figure) -> list[Panel]:
-    """Drawn panels, ids made unique to the page and the alternative text put in."""
+def panels(figure: Figure, letters: Letters) -> list[Panel]:
+    """Drawn panels, letters shared, other ids made unique to the page and the alternative text put in."""
     out = []
-    for i, (svg, alt) in enumerate(zip(figure.svgs(), figure.alt, strict=True)):
+    for i, (drawn, alt) in enumerate(zip(figure.svgs(), figure.alt, strict=True)):
         prefix = f"{figure.key}-{i}-"
+        svg = letters.take(drawn)
         svg = re.sub(r'\bid="', f'id="{prefix}', svg)
-        svg = re.sub(r'href="#', f'href="#{prefix}', svg)
+        svg = re.sub(r'xlink:href="#', f'xlink:href="#{prefix}', svg)
         svg = re.sub(r"url\(#", f"url(#{prefix}", svg)
         points = re.search(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"', svg)
         assert points is not None

@@ -41,6 +41,9 @@ class ProblemArrays(NamedTuple):
         Emission matrices by rows (end states); outcomes count from the branch's first.
     outcome_mode, outcome_observation : int64[z]
     reward : float64[c, w]
+    span, largest, least : float
+        Largest difference between two values, largest size of one, and what values count as at least where gaps are
+        told relative to them: `Problem.span`, `Problem.largest_value`, `Problem.least_size`.
     """
 
     discount: float
@@ -61,6 +64,9 @@ class ProblemArrays(NamedTuple):
     outcome_mode: Index
     outcome_observation: Index
     reward: Array
+    span: float
+    largest: float
+    least: float
 
 
 def arrays_of(problem: Problem) -> ProblemArrays:
@@ -88,6 +94,7 @@ def arrays_of(problem: Problem) -> ProblemArrays:
         row_start, columns, values, seen_start, seen_outcome, seen_value,
         np.repeat(np.array([b.mode for b in branches], dtype=np.int64), seen),
         np.array([o for b in branches for o in b.observations], dtype=np.int64), reward,
+        problem.span, problem.largest_value, problem.least_size,
     )  # fmt: skip
 
 

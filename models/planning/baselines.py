@@ -97,23 +97,23 @@ class Reciprocal(Policy):
     Parameters
     ----------
     protocol : Protocol
-        Each mode offers its null action and one more.
+        Each mode offers its null action and at most one more.
     literal : bool
         Take "previous interaction" literally: any event is one, and after one without a response it does neither.
 
     Raises
     ------
     InputError
-        If some mode does not offer two actions.
+        If some mode offers more than two actions.
     """
 
     def __init__(self, protocol: Protocol, *, literal: bool = False, name: str = "reactive") -> None:
         self.protocol, self.literal, self.name = protocol, literal, name
         self.vocabulary = Vocabulary.of(protocol)
         for mode in protocol.modes:
-            if len(mode.actions) != 2:
+            if len(mode.actions) > 2:
                 found = Phrase(f"{len(mode.actions)} actions in mode {mode.name}")
-                raise located(f"policy {name}", found, "the null action and one more")
+                raise located(f"policy {name}", found, "the null action and at most one more")
         self._null = [[a.name for a in m.actions].index(m.null_action) for m in protocol.modes]
         self._help = int(np.argmax(protocol.scores)) + 1
 
@@ -128,8 +128,8 @@ class Reciprocal(Policy):
     def probabilities(self, memory: ResponseMemory) -> Array:
         """Active iff the last response asks for it."""
         asks = 0 if self.protocol.modes[memory.mode].shows_response else 1
-        null = self._null[memory.mode]
-        return certain(1 - null if memory.last == asks else null, 2)
+        null, offered = self._null[memory.mode], len(self.vocabulary.actions[memory.mode])
+        return certain(1 - null if memory.last == asks and offered == 2 else null, offered)
 
     def reason(self, memory: ResponseMemory) -> str:
         """What it does and why, in one sentence."""
@@ -183,9 +183,9 @@ def myopic(model: LatentStatePOMDP, name: str = "myopic", *, impossible: Impossi
 
 
 def baselines(model: LatentStatePOMDP) -> tuple[Policy, ...]:
-    """Always, never, myopic, reactive and random; the reactive one where every mode offers two actions."""
+    """Always, never, myopic, reactive and random; the reactive one where no mode offers more than two actions."""
     protocol = model.protocol
-    two = all(len(m.actions) == 2 for m in protocol.modes)
+    two = all(len(m.actions) <= 2 for m in protocol.modes)
     return (
         always(protocol), never(protocol), myopic(model), *((Reciprocal(protocol),) if two else ()),
         uniformly_random(protocol),

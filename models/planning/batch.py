@@ -17,6 +17,7 @@ from models.planning.arrays import Array, Index
 from models.planning.grid_run import GridRun, blind_slots, new_run, solve_run
 from models.planning.grid_solver import DONE
 from models.planning.latent import LatentBatch
+from models.planning.precision import relative_gap
 from models.planning.solver import GRID_STATES, solve, tidied
 from models.work_clock import WorkClock
 
@@ -29,7 +30,7 @@ ROUNDS = 200
 
 @dataclass(frozen=True)
 class DrawSolution:
-    """Policy graph and bounds of one draw; fields as in `models.planning.solution.Solution`."""
+    """Policy graph and bounds of one draw: as in `models.planning.solution.Solution`, but `seconds` are of CPU."""
 
     lower: float
     upper: float
@@ -73,14 +74,14 @@ class BatchSolution:
 
     @property
     def draw_seconds(self) -> Array:
-        """Seconds that each draw took, shape ``[draw]``."""
+        """Seconds of CPU that each draw took, shape ``[draw]``."""
         return np.array([s.seconds for s in self.solutions])
 
     @property
     def relative_gap(self) -> Array:
-        """Gaps as shares of the larger bound's size, shape ``[draw]``."""
-        size = np.maximum(np.abs(self.lower), np.abs(self.upper))
-        return np.divide(self.upper - self.lower, size, out=np.zeros_like(size), where=size > 0)
+        """Gaps as shares of the larger bound's size (`models.planning.precision`), shape ``[draw]``."""
+        least = self.batch.template.least
+        return np.array([relative_gap(s.lower, s.upper, least) for s in self.solutions])
 
     @property
     def certified(self) -> NDArray[np.bool_]:
@@ -131,6 +132,8 @@ def solve_draws(
         raise located("discount of the batch", batch.discount, "from 0 to below 1: there is no horizon")
     if not (np.isfinite(precision) and precision > 0):
         raise located("precision", precision, "a number above 0")
+    if not time_limit > 0:
+        raise located("time limit", time_limit, "above 0 seconds")
     if threads is not None and threads < 1:
         raise located("threads", threads, "at least 1")
     clock = WorkClock()
@@ -145,7 +148,7 @@ def solve_draws(
         _attempt(batch, 0, new_run(batch.template, 64, 64 + blind_slots(batch.template)), modes, weight, 1.0, 1)
 
     def one(d: int) -> DrawSolution:
-        began = time.perf_counter()
+        began = time.thread_time()
         solution = None
         if small:
             if not hasattr(local, "run"):
@@ -156,7 +159,7 @@ def solve_draws(
             solution = DrawSolution(
                 full.lower, full.upper, full.status, 0.0, full.alpha, full.mode, full.choice, full.follow
             )
-        object.__setattr__(solution, "seconds", time.perf_counter() - began)
+        object.__setattr__(solution, "seconds", time.thread_time() - began)
         if progress is not None:
             with lock:
                 done[0] += 1

@@ -1,4 +1,4 @@
-"""What a belief is: a probability vector over the hidden states of a mode."""
+"""What a belief is: a probability vector over the hidden states of a mode; and what counts as impossible."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from models.errors import located
 
 TOLERANCE = 1e-9
-"""How far a belief's sum may be from one."""
+"""How far from one the sum of a belief, or of a row of probabilities, may be."""
+
+IMPOSSIBLE = 1e-12
+"""An observation less probable than that cannot be told from one that is impossible."""
 
 
 def checked_belief(belief: Any, mode: str, n: int) -> NDArray[np.float64]:
@@ -19,10 +22,11 @@ def checked_belief(belief: Any, mode: str, n: int) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If its length does not fit, or it is no probability vector (sum within `TOLERANCE`).
+        If it holds anything but numbers, its length does not fit, or it is no probability vector (sum within
+        `TOLERANCE`).
     """
-    value = np.asarray(belief, dtype=np.float64)
     place = f"belief in mode {mode}"
+    value = real_array(place, belief, f"{n} probabilities")
     if value.shape != (n,):
         raise located(f"{place}, shape", value.shape, f"({n},)")
     if not (np.isfinite(value).all() and (value >= 0).all()):
@@ -30,3 +34,20 @@ def checked_belief(belief: Any, mode: str, n: int) -> NDArray[np.float64]:
     if abs(value.sum() - 1) > TOLERANCE:
         raise located(f"{place}, sum", f"{value.sum():.10g}", "1 within 1e-9")
     return value
+
+
+def real_array(place: str, values: Any, wanted: str) -> NDArray[np.float64]:
+    """Return what somebody passed as numbers as an array of float64.
+
+    Raises
+    ------
+    InputError
+        If it holds text, complex numbers, objects, or lists of different lengths.
+    """
+    try:
+        raw = np.asarray(values)
+        if raw.dtype.kind in "biuf":
+            return raw.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise located(place, values, wanted)

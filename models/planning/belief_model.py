@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import InputError, Phrase, located
-from models.planning.belief_check import checked_belief
+from models.planning.belief_check import IMPOSSIBLE, checked_belief
 from models.planning.policies import Array, Index, Vocabulary
 
 if TYPE_CHECKING:
@@ -25,14 +25,8 @@ if TYPE_CHECKING:
 ANY_MODE = -1
 """Next mode of an outcome that leaves the mode open."""
 
-IMPOSSIBLE = 1e-12
-"""An observation less probable than that cannot be told from one that is impossible."""
-
 MOST_DENSE = 10_000
 """Entries up to which a matrix is kept with its zeros."""
-
-TOLERANCE = 1e-9
-"""How far from one the sum of a belief may be."""
 
 Impossible = Literal["error", "keep", "reset"]
 
@@ -175,11 +169,20 @@ class BeliefModel:
     def update(self, mode: int, belief: Array, choice: int, observation: int | None, next_mode: int) -> Array:
         """Belief after a step; `observation` None: it was not recorded.
 
+        Parameters
+        ----------
+        mode, choice, next_mode : int
+        belief : float64[y]
+            Over the hidden states of `mode`.
+        observation : int or None
+
         Raises
         ------
         InputError
-            On a step of probability zero, if `impossible` is ``error``.
+            On numbers out of range, a belief of another length, or a step of probability zero if `impossible` is
+            ``error``.
         """
+        self._check_step(mode, belief, choice, observation, next_mode)
         n = len(self.states[next_mode])
         options = self.outcomes[mode][choice]
         leads = [z for z in options if z.mode in (next_mode, ANY_MODE)]
@@ -204,7 +207,14 @@ class BeliefModel:
         return self.initial[next_mode].copy()
 
     def update_many(self, mode: int, beliefs: Array, choice: int, observation: int | None, next_mode: int) -> Array:
-        """Beliefs ``[i, y]`` after the same step, shape ``[i, y']``; impossible ones as `update` treats them."""
+        """Beliefs ``[i, y]`` after the same step, shape ``[i, y']``; impossible ones as `update` treats them.
+
+        Raises
+        ------
+        InputError
+            As `update` does.
+        """
+        self._check_step(mode, beliefs, choice, observation, next_mode)
         n = len(self.states[next_mode])
         joint = np.zeros((len(beliefs), n))
         for z in self.outcomes[mode][choice]:
@@ -215,6 +225,17 @@ class BeliefModel:
             joint[i] = self.update(mode, beliefs[i], choice, observation, next_mode)
             total[i] = 1.0
         return joint / total[:, None]
+
+    def _check_step(
+        self, mode: int, beliefs: Array, choice: int, observation: int | None, next_mode: int
+    ) -> None:  # fmt: skip
+        words = self.vocabulary
+        words.mode(mode)
+        words.choice(mode, choice)
+        words.observation(observation)
+        words.mode(next_mode)
+        if beliefs.shape[-1:] != (len(self.states[mode]),):
+            raise located(f"belief in mode {words.modes[mode]}, states", beliefs.shape, f"{len(self.states[mode])}")
 
     # -- files -------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from models.errors import located
+from models.planning.belief_check import real_array
 from models.planning.belief_model import BeliefModel
 from models.planning.explanation import Explanation, explain
 from models.planning.policies import Array, Index, Policy, Vocabulary, certain, grouped
@@ -110,11 +112,6 @@ class BeliefPolicy(Policy):
         m = self.vocabulary.mode(mode)
         return BeliefMemory(m, self.tracker.initial[m])
 
-    def begin_from(self, mode: int, belief: Any) -> BeliefMemory:
-        """Memory with a belief of one's own."""
-        m = self.vocabulary.mode(mode)
-        return BeliefMemory(m, self.tracker.check_belief(m, belief))
-
     def mode_of(self, memory: BeliefMemory) -> int:
         """The mode that a memory is about."""
         return memory.mode
@@ -175,11 +172,24 @@ class Myopic(BeliefPolicy):
     model : BeliefModel
     prosocial : float64[y]
         :math:`R_{prosocial}`, the part of the reward that depends on the state.
+    name : str
+
+    Raises
+    ------
+    InputError
+        If there is not one finite number for each hidden state, or modes differ in their hidden states.
     """
 
     def __init__(self, model: BeliefModel, prosocial: Array, name: str = "myopic") -> None:
         self.model, self.name = model, name
-        self.prosocial = np.asarray(prosocial, dtype=np.float64)
+        place = f"policy {name}, prosocial reward"
+        self.prosocial = real_array(place, prosocial, "one number a hidden state")
+        sizes = sorted({len(states) for states in model.states})
+        if sizes != [len(np.atleast_1d(self.prosocial))] or self.prosocial.ndim != 1:
+            wanted = f"({' or '.join(map(str, sizes))},), one number a hidden state, as many in every mode"
+            raise located(f"{place}, shape", self.prosocial.shape, wanted)
+        if not np.isfinite(self.prosocial).all():
+            raise located(place, self.prosocial.tolist(), "finite numbers")
 
     def action_values_many(self, beliefs: Array, mode: int) -> Array:
         """Reward of this round and prosociality after it."""

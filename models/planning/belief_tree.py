@@ -19,15 +19,15 @@ from models.planning.arrays import Array, Index, ProblemArrays
 from models.planning.step_kernel import expected_reward, successors
 from models.planning.vectors import Vectors
 
-SAME = 1e-10
-"""Beliefs that agree to this are one node."""
+SAME = 1e-14
+"""Beliefs that agree to this are one node; what they differ by is charged to the upper bound."""
 
-TINY = 1e-11
-"""Improvements below this, relative to the largest value, are rounding."""
+TINY = 1e-13
+"""Improvements below this share of the largest value there can be are rounding."""
 
 
 class Tree(NamedTuple):
-    """Nodes (beliefs) and sawtooth points.
+    r"""Nodes (beliefs) and sawtooth points.
 
     Attributes
     ----------
@@ -47,6 +47,9 @@ class Tree(NamedTuple):
     child : int32[i, z]
         Node after each outcome of each choice of the mode, -1 where impossible or not looked at.
     probability : float64[i, z]
+    charge : float64[i, a]
+        What the children of a choice may be worth more than the nodes that stand for them: by
+        :math:`\lVert b - b' \rVert_1 / 2` of the largest difference between values.
     opened : bool[i, a]
         Whether the children of a choice are there.
     corner : float64[x, w]
@@ -75,6 +78,7 @@ class Tree(NamedTuple):
     ahead: Array
     child: NDArray[np.int32]
     probability: Array
+    charge: Array
     opened: NDArray[np.bool_]
     corner: Array
     point_node: Index
@@ -95,8 +99,8 @@ def empty_tree(problem: ProblemArrays, capacity: int, corner: Array, planes: Arr
         np.zeros((capacity, width)), np.zeros(capacity), np.zeros(capacity), np.zeros(capacity, dtype=np.int64),
         np.zeros(capacity, dtype=np.int64), np.zeros(capacity, dtype=np.int64), np.zeros((capacity, actions)),
         np.full((capacity, outcomes), -1, dtype=np.int32), np.zeros((capacity, outcomes)),
-        np.zeros((capacity, actions), dtype=np.bool_), corner.copy(), np.zeros(2 * capacity, dtype=np.int64),
-        np.zeros(2 * capacity), np.zeros(2 * capacity, dtype=np.int64),
+        np.zeros((capacity, actions)), np.zeros((capacity, actions), dtype=np.bool_), corner.copy(),
+        np.zeros(2 * capacity, dtype=np.int64), np.zeros(2 * capacity), np.zeros(2 * capacity, dtype=np.int64),
         np.full(len(problem.mode_size), -1, dtype=np.int64), planes,
     )  # fmt: skip
 
@@ -108,7 +112,7 @@ def grown_tree(tree: Tree, problem: ProblemArrays, capacity: int) -> Tree:
     new.counts[:] = tree.counts
     new.point_last[:] = tree.point_last
     for name in ("mode", "belief", "lower", "upper", "best", "seen_vectors", "seen_points", "ahead", "child",
-                 "probability", "opened"):  # fmt: skip
+                 "probability", "charge", "opened"):  # fmt: skip
         getattr(new, name)[:nodes] = getattr(tree, name)[:nodes]
     for name in ("point_node", "point_depth", "point_previous"):
         getattr(new, name)[:points] = getattr(tree, name)[:points]
@@ -166,8 +170,15 @@ def plane_bound(tree: Tree, problem: ProblemArrays, mode: int, belief: Array, si
 @kernel
 def look_up(tree: Tree, vectors: Vectors, i: int, size: int) -> None:
     """Compare a node with the vectors that have come since it was last looked up."""
-    j = vectors.last[tree.mode[i]]
     value = tree.lower[i]
+    j = tree.best[i]
+    if j >= 0:
+        # It may have been raised in its place.
+        total = 0.0
+        for y in range(size):
+            total += vectors.alpha[j, y] * tree.belief[i, y]
+        value = max(value, total)
+    j = vectors.last[tree.mode[i]]
     seen = tree.seen_vectors[i]
     while j >= seen:
         total = 0.0
@@ -180,6 +191,18 @@ def look_up(tree: Tree, vectors: Vectors, i: int, size: int) -> None:
         j = vectors.previous[j]
     tree.lower[i] = value
     tree.seen_vectors[i] = vectors.counts[0]
+
+
+@kernel
+def note_risen(tree: Tree, problem: ProblemArrays, vectors: Vectors) -> None:
+    """Let lower bounds of nodes follow the vectors behind them, after these have been valued anew."""
+    for i in range(tree.counts[0]):
+        j = tree.best[i]
+        if j >= 0:
+            total = 0.0
+            for y in range(problem.mode_size[tree.mode[i]]):
+                total += vectors.alpha[j, y] * tree.belief[i, y]
+            tree.lower[i] = max(tree.lower[i], total)
 
 
 @kernel
@@ -249,13 +272,17 @@ def open_choice(
     first = problem.choice_outcome[problem.mode_choice[x]]
     successors(problem, c, tree.belief[i], problem.mode_size[x], after, probability, reached)
     tree.counts[2] += problem.mode_size[x] * (problem.choice_outcome[c + 1] - problem.choice_outcome[c])
+    charge = 0.0
     for z in range(problem.choice_outcome[c], problem.choice_outcome[c + 1]):
         p = probability[z - problem.choice_outcome[c]]
         tree.probability[i, z - first] = p
         if p > 0.0:
-            tree.child[i, z - first] = node_of(
-                tree, problem, problem.outcome_mode[z], after[z - problem.choice_outcome[c]]
-            )
+            belief = after[z - problem.choice_outcome[c]]
+            child = node_of(tree, problem, problem.outcome_mode[z], belief)
+            tree.child[i, z - first] = child
+            for y in range(problem.mode_size[problem.outcome_mode[z]]):
+                charge += 0.5 * p * abs(tree.belief[child, y] - belief[y])
+    tree.charge[i, j] = charge * problem.span
     tree.opened[i, j] = True
 
 

@@ -145,6 +145,29 @@ class FiniteStateController(Policy):
             self.impossible, self.name,
         )  # fmt: skip
 
+    def merged(self) -> FiniteStateController:
+        """The same controller with nodes made one that act alike for ever, whatever is seen.
+
+        Nodes are told apart by their mode and action, then by which of the classes found so far follow each
+        outcome, until no class splits (Moore's minimisation). Where nothing follows counts as a class of its own.
+        """
+        kind = np.unique(np.stack([self.mode, self.choice], axis=1), axis=0, return_inverse=True)[1]
+        while True:
+            after = np.where(self.follow >= 0, np.asarray(kind)[self.follow], -1).reshape(self.n_nodes, -1)
+            split = np.unique(np.column_stack([kind, after]), axis=0, return_inverse=True)[1]
+            if split.max() == kind.max():
+                break
+            kind = split
+        _, first = np.unique(kind, return_index=True)
+        # Classes are numbered by their first node, so that a controller without twins comes back as it was.
+        order = np.argsort(np.argsort(first))
+        number = np.append(order[kind], -1)
+        kept = np.sort(first)
+        return FiniteStateController(
+            self.vocabulary, self.mode[kept], self.choice[kept], number[self.follow[kept]], number[self.start],
+            self.impossible, self.name,
+        )  # fmt: skip
+
     def to_dict(self) -> dict[str, Any]:
         """Plain content of the policy."""
         return {

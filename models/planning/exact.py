@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from models.errors import located
 from models.planning.history_kernel import walk_tree
 from models.planning.schedule import Array, Event, Schedule
-from models.planning.schedule_tree import schedule_tree
-
+from models.planning.schedule_tree import ScheduleTree, schedule_tree
 
 Decisions = tuple[NDArray[np.int8], ...]
 """A plan: the action of each event, counted within it, by the number of the responses so far."""
@@ -62,12 +61,7 @@ class ExactPlan:
 
     def responses(self, k: int, number: int) -> tuple[str, ...]:
         """Responses before event `k`, from their number."""
-        seen: list[str] = []
-        for j in range(k - 1, -1, -1):
-            number, o = divmod(number, self.schedule.n_outcomes(j))
-            if self.schedule.mode(j).shows_response:
-                seen.append(self.schedule.protocol.response_names[o])
-        return tuple(reversed(seen))
+        return responses_before(self.schedule, k, number)
 
     @property
     def table(self) -> Any:
@@ -88,6 +82,16 @@ class ExactPlan:
         )
 
 
+def responses_before(schedule: Schedule, k: int, number: int) -> tuple[str, ...]:
+    """Responses before event `k` of a schedule, from their number."""
+    seen: list[str] = []
+    for j in range(k - 1, -1, -1):
+        number, o = divmod(number, schedule.n_outcomes(j))
+        if schedule.mode(j).shows_response:
+            seen.append(schedule.protocol.response_names[o])
+    return tuple(reversed(seen))
+
+
 def solve_schedule(schedule: Schedule) -> ExactPlan:
     """Find the best plan of a schedule.
 
@@ -105,6 +109,12 @@ def solve_schedule(schedule: Schedule) -> ExactPlan:
     ('no_signal', 61.232)
     """
     tree = schedule_tree(schedule)
+    return walked(tree)
+
+
+def walked(tree: ScheduleTree) -> ExactPlan:
+    """Find the best plan over a tree that is laid out already; its start is what counts."""
+    schedule = tree.schedule
     decision = np.zeros(tree.histories, dtype=np.int8)
     picks = np.zeros((tree.leaves, schedule.n_outcomes(tree.leaf)), dtype=np.int16)
     first = np.zeros(len(schedule.mode(0).actions))

@@ -98,11 +98,26 @@ class Explanation:
             )
         if self.margin <= 0:
             return f"{self.action} is worth {self.values[self.action]:.4g}, as much as {self.other}; {belief}."
+        own, other = _apart(self.values[self.action], self.values[self.other])
         return (
-            f"{self.action} is worth {self.values[self.action]:.4g} and {self.other} "
-            f"{self.values[self.other]:.4g}; {self.other} would be done if it cost {self.margin:.3g} less this "
-            f"once; {belief}."
+            f"{self.action} is worth {own} and {self.other} {other}; {self.other} would be done if it cost "
+            f"{self.margin:.3g} less this once; {belief}."
         )
+
+
+def _apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with four digits, or as many as it takes to tell them apart.
+
+    Examples
+    --------
+    >>> _apart(219.36, 209.81), _apart(275546.6, 275506.4)
+    (('219.4', '209.8'), ('275547', '275506'))
+    """
+    for digits in range(4, 16):
+        pair = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        if "e" not in "".join(pair) and pair[0] != pair[1]:
+            return pair
+    return f"{one:.4g}", f"{other:.4g}"
 
 
 def explain(

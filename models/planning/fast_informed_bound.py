@@ -34,7 +34,6 @@ def mdp_bound(problem: ProblemArrays, tolerance: float, most: int, values: Array
         Filled.
     """
     n_modes = len(problem.mode_size)
-    width = problem.reward.shape[1]
     highest = -np.inf
     for x in range(n_modes):
         for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
@@ -43,7 +42,14 @@ def mdp_bound(problem: ProblemArrays, tolerance: float, most: int, values: Array
     values[:] = 0.0
     for x in range(n_modes):
         values[x, : problem.mode_size[x]] = highest / (1.0 - problem.discount)
-    new = np.zeros((n_modes, width))
+    return lower_mdp_bound(problem, tolerance, most, values)
+
+
+@kernel
+def lower_mdp_bound(problem: ProblemArrays, tolerance: float, most: int, values: Array) -> int:
+    """Go on with `mdp_bound` from an upper bound."""
+    n_modes = len(problem.mode_size)
+    new = np.zeros((n_modes, values.shape[1]))
     ahead = problem.discount / (1.0 - problem.discount)
     for sweep in range(most):
         rise = -np.inf
@@ -101,6 +107,17 @@ def informed_vectors(problem: ProblemArrays, values: Array, tolerance: float, mo
     vectors : float64[c, w]
         Filled: one vector a choice.
     """
+    vectors[:] = 0.0
+    for x in range(len(problem.mode_size)):
+        for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
+            for y in range(problem.mode_size[x]):
+                vectors[c, y] = problem.reward[c, y] + problem.discount * _expected(problem, c, y, values)
+    return lower_informed_vectors(problem, tolerance, most, vectors)
+
+
+@kernel
+def lower_informed_vectors(problem: ProblemArrays, tolerance: float, most: int, vectors: Array) -> int:
+    """Go on with `informed_vectors` from an upper bound."""
     outcomes = 0
     for c in range(len(problem.choice_branch) - 1):
         outcomes = max(outcomes, problem.choice_outcome[c + 1] - problem.choice_outcome[c])
@@ -108,11 +125,6 @@ def informed_vectors(problem: ProblemArrays, values: Array, tolerance: float, mo
     for x in range(len(problem.mode_size)):
         actions = max(actions, problem.mode_choice[x + 1] - problem.mode_choice[x])
     gains = np.empty((outcomes, actions))
-    vectors[:] = 0.0
-    for x in range(len(problem.mode_size)):
-        for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
-            for y in range(problem.mode_size[x]):
-                vectors[c, y] = problem.reward[c, y] + problem.discount * _expected(problem, c, y, values)
     for sweep in range(most):
         fall = 0.0
         for x in range(len(problem.mode_size)):

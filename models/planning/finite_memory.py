@@ -16,18 +16,28 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from models.errors import Phrase, located
 from models.planning.belief_model import BeliefModel
-from models.planning.policies import Array, Policy, Vocabulary
+from models.planning.policies import Array, Index, Policy, Vocabulary
 from models.planning.problem import Problem
 
 MOST_MEMORIES = 20_000
 """Memories that are looked for before a policy is taken to have no end of them."""
 
-MOST_DIRECT = 20_000
-"""Unknowns up to which the system is factorised; larger ones are iterated on."""
+MOST_SMALL = 1_000
+"""Unknowns up to which the system is factorised whatever it looks like."""
+
+MOST_FILL = 20_000_000
+"""Entries that factors may have at most: 240 MB."""
+
+MOST_WORK = 2_000_000_000
+"""Multiplications that factorising a band may take: about a second."""
+
+MOST_SWEEPS = 20_000
+"""Terms that are summed before a system of moderate size is factorised after all."""
 
 
 @dataclass(frozen=True)
@@ -172,17 +182,65 @@ def _explore(policy: Policy, truth: BeliefModel, problem: Problem) -> tuple[dict
 
 def _solve(step: Any, known: Array, discount: float) -> tuple[Array, float]:
     r"""Solve :math:`v = r + \gamma P v`; also a bound on the error, where the rows of `P` sum to one."""
-    size = len(known)
-    if size <= MOST_DIRECT:
-        v = splu(sparse.identity(size, format="csc") - discount * step.tocsc()).solve(known)
-    else:
-        scale = max(float(np.abs(known).max()), 1e-300)
-        v = np.zeros(size)
-        for _ in range(int(np.ceil(np.log(1e-13) / np.log(discount)))):
-            new = known + discount * (step @ v)
-            done = np.abs(new - v).max() <= 1e-13 * scale / (1 - discount)
-            v = new
-            if done:
-                break
+    if discount == 0:
+        return known.copy(), 0.0
+    size, order = len(known), _narrow(step)
+    v: Array | None = None
+    if order is not None:
+        v = _factorised(step[order][:, order], known[order], discount, "NATURAL")[np.argsort(order)]
+    elif size > MOST_SMALL:
+        v = _summed(step, known, discount, MOST_SWEEPS if size**2 <= MOST_FILL else None)
+    if v is None:
+        v = _factorised(step, known, discount, "COLAMD")
     residual = float(np.abs(known + discount * (step @ v) - v).max())
     return v, residual / (1 - discount)
+
+
+def _narrow(step: Any) -> Index | None:
+    """An order of the unknowns in which the system is a narrow band, if one is found.
+
+    Without pivoting, which a matrix with such a diagonal does not need, factors stay within the band.
+    """
+    size = step.shape[0]
+    if size <= MOST_SMALL or not _bearable(size, int(np.diff(step.indptr).max())):
+        return None
+    order = reverse_cuthill_mckee(sparse.csr_matrix(step), symmetric_mode=False).astype(np.int64)
+    place = np.empty(size, dtype=np.int64)
+    place[order] = np.arange(size)
+    entries = step.tocoo()
+    width = int(np.abs(place[entries.row] - place[entries.col]).max())
+    return order if _bearable(size, 2 * width + 1) else None
+
+
+def _bearable(size: int, width: int) -> bool:
+    """Whether a band of that width can be factorised."""
+    return size * width <= MOST_FILL and size * width**2 <= MOST_WORK
+
+
+def _factorised(step: Any, known: Array, discount: float, order: str) -> Array:
+    matrix = (sparse.identity(len(known), format="csc") - discount * step).tocsc()
+    return np.asarray(splu(matrix, permc_spec=order, diag_pivot_thresh=0.0).solve(known))
+
+
+def _summed(step: Any, known: Array, discount: float, most: int | None) -> Array | None:
+    r"""Sum :math:`\sum_k (\gamma P)^k r`; None where `most` terms are not enough.
+
+    What is left after a term :math:`t` is nearly :math:`t \gamma / (1 - \gamma)` once the chain has forgotten where
+    it was. With that added, the residual is the change from :math:`t` to :math:`P t`, times the same factor.
+    """
+    factor = discount / (1 - discount)
+    # Sums of that many products are rounded: differences cannot be seen to be smaller.
+    rounding = 8 * float(np.finfo(float).eps * np.sqrt(max(1, np.diff(step.indptr).max())))
+    close = max(1e-13, rounding / (1 - discount))
+    enough = int(np.ceil(np.log(1e-13 * (1 - discount)) / np.log(discount))) + 1
+    term, total = known.copy(), known.copy()
+    for k in range(enough):
+        if most is not None and k >= most:
+            return None
+        reached = step @ term
+        left = factor * float(np.abs(reached - term).max()) / (1 - discount)
+        if left <= close * float(np.abs(total + factor * term).max()):
+            return np.asarray(total + factor * term)
+        term = discount * reached
+        total += term
+    return total

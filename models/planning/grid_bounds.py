@@ -3,6 +3,11 @@ r"""Upper bounds on an adaptive grid, compiled.
 Values at grid points and an interpolation for every belief that may follow a point make a finite decision problem
 of its own; its value at the points is an upper bound of the true one (Lovejoy 1991), and so is every value on the
 way down to it. Interpolations are *frozen*: worked out once, looked up again only when the grid has been refined.
+
+Modes without a grid of their own (`models.planning.grid_modes`) are met as *exact* nodes: one belief each, its
+value one step ahead. Starting beliefs are exact too. What a choice is worth is convex in the belief as the optimum
+is, so a new point inherits bounds of its choices from the points around it, and choices that fall short are never
+opened.
 """
 
 from __future__ import annotations
@@ -14,16 +19,8 @@ from numpy.typing import NDArray
 
 from models.compiled import kernel
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.simplex_grid import (
-    FINEST,
-    Scratch,
-    cell,
-    find,
-    interpolation,
-    new_scratch,
-    point_belief,
-    rehash,
-)
+from models.planning.grid_modes import passing_modes
+from models.planning.simplex_grid import FINEST, Scratch, cell, find, interpolation, point_belief, rehash
 from models.planning.step_kernel import expected_reward, successors
 
 NEW = 1e-300
@@ -36,11 +33,13 @@ class Grid(NamedTuple):
     Attributes
     ----------
     counts : int64[1]
-        Points in use, starting beliefs among them, which are no grid points.
+        Nodes in use: grid points, and exact nodes, which are no grid points.
+    exact : bool[x]
+        Modes that are met as exact nodes only.
     table : int32[h]
         Hash table of the points, `h` a power of two.
     points : int64[i, w]
-        Coordinates at the finest level; zero for roots.
+        Coordinates at the finest level; zero for exact nodes.
     mode : int64[i]
     belief : float64[i, w]
     upper : float64[i]
@@ -60,11 +59,16 @@ class Grid(NamedTuple):
         Discounted number of visits from the root under the choices that look best.
     ahead : float64[i, a]
         Upper bound of each choice, as of when it was last looked at.
+    opened : bool[i, a]
+        Whether successors of a choice have been worked out.
     greedy : int32[i]
         The choice that looks best, counted within the mode.
+    start : int32[i]
+        Level at which to begin to look for the cells of its successors.
     """
 
     counts: Index
+    exact: NDArray[np.bool_]
     table: NDArray[np.int32]
     points: Index
     mode: Index
@@ -79,7 +83,9 @@ class Grid(NamedTuple):
     weight: Array
     share: Array
     ahead: Array
+    opened: NDArray[np.bool_]
     greedy: NDArray[np.int32]
+    start: NDArray[np.int32]
 
 
 def empty_grid(problem: ProblemArrays, capacity: int) -> Grid:
@@ -89,13 +95,14 @@ def empty_grid(problem: ProblemArrays, capacity: int) -> Grid:
     outcomes = int(np.diff(problem.choice_outcome[problem.mode_choice]).max())
     slots = 1 << int(2 * capacity - 1).bit_length()
     return Grid(
-        np.zeros(1, dtype=np.int64), np.full(slots, -1, dtype=np.int32),
+        np.zeros(1, dtype=np.int64), passing_modes(problem), np.full(slots, -1, dtype=np.int32),
         np.zeros((capacity, width), dtype=np.int64), np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, width)), np.zeros(capacity), np.zeros((capacity, actions)),
         np.zeros((capacity, outcomes)), np.zeros((capacity, outcomes, width)),
         np.zeros((capacity, outcomes), dtype=np.int32), np.zeros((capacity, outcomes), dtype=np.int32),
         np.zeros((capacity, outcomes, width), dtype=np.int32), np.zeros((capacity, outcomes, width)),
-        np.zeros(capacity), np.zeros((capacity, actions)), np.zeros(capacity, dtype=np.int32),
+        np.zeros(capacity), np.zeros((capacity, actions)), np.zeros((capacity, actions), dtype=np.bool_),
+        np.zeros(capacity, dtype=np.int32), np.zeros(capacity, dtype=np.int32),
     )  # fmt: skip
 
 
@@ -104,7 +111,7 @@ def grown_grid(grid: Grid, problem: ProblemArrays, capacity: int) -> Grid:
     new = empty_grid(problem, capacity)
     n = int(grid.counts[0])
     for name in Grid._fields:
-        if name not in ("counts", "table"):
+        if name not in ("counts", "exact", "table"):
             getattr(new, name)[:n] = getattr(grid, name)[:n]
     new.counts[:] = grid.counts
     rehash(new.table, new.points, new.mode, problem.mode_size, n)
@@ -157,81 +164,99 @@ def look_up_again(grid: Grid, problem: ProblemArrays, scratch: Scratch) -> None:
     that comes out on top.
     """
     for i in range(grid.counts[0]):
-        if grid.share[i] == 0.0:
+        j = grid.greedy[i]
+        if grid.share[i] == 0.0 or not grid.opened[i, j]:
             continue
         x = grid.mode[i]
         first = problem.choice_outcome[problem.mode_choice[x]]
-        c = problem.mode_choice[x] + grid.greedy[i]
+        c = problem.mode_choice[x] + j
         for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-            if grid.probability[i, z] > 0.0:
-                refreeze(grid, problem, i, z, problem.outcome_mode[first + z], grid.level[i, z] + 1, scratch)
+            mode = problem.outcome_mode[first + z]
+            if grid.probability[i, z] > 0.0 and not grid.exact[mode]:
+                refreeze(grid, problem, i, z, mode, grid.level[i, z] + 1, scratch)
 
 
 @kernel
-def step_point(grid: Grid, problem: ProblemArrays, i: int, level: int, scratch: Scratch) -> None:
-    """Work out rewards and successors of a new point whose belief is set, and freeze their interpolations.
+def new_node(grid: Grid, problem: ProblemArrays, mode: int, upper: float, share: float) -> int:
+    """The next node, its choices not opened, nothing known of them; its belief is the caller's to fill."""
+    i = grid.counts[0]
+    grid.counts[0] += 1
+    grid.points[i] = 0
+    grid.mode[i] = mode
+    grid.belief[i] = 0.0
+    grid.upper[i] = upper
+    grid.share[i] = share
+    grid.greedy[i] = 0
+    grid.opened[i] = False
+    grid.ahead[i] = np.inf
+    grid.probability[i] = 0.0
+    return i
 
-    `level` is where to begin to look for their cells: fine cells are mostly followed by fine ones.
-    """
+
+@kernel
+def open_choice(grid: Grid, problem: ProblemArrays, i: int, j: int, scratch: Scratch) -> bool:
+    """Work out reward and successors of a choice and freeze their interpolations; False if there is no room."""
     x = grid.mode[i]
     size = problem.mode_size[x]
+    c = problem.mode_choice[x] + j
     first = problem.choice_outcome[problem.mode_choice[x]]
-    reached = np.empty(grid.belief.shape[1])
-    for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
-        grid.reward[i, c - problem.mode_choice[x]] = expected_reward(problem, c, grid.belief[i], size)
-        grid.ahead[i, c - problem.mode_choice[x]] = np.inf
-        begin = problem.choice_outcome[c] - first
-        end = problem.choice_outcome[c + 1] - first
-        successors(
-            problem, c, grid.belief[i], size, grid.after[i, begin:end], grid.probability[i, begin:end], reached
-        )
-        for z in range(begin, end):
-            if grid.probability[i, z] > 0.0:
+    begin = problem.choice_outcome[c] - first
+    end = problem.choice_outcome[c + 1] - first
+    if grid.counts[0] + end - begin > len(grid.upper):
+        return False
+    grid.reward[i, j] = expected_reward(problem, c, grid.belief[i], size)
+    successors(
+        problem, c, grid.belief[i], size, grid.after[i, begin:end], grid.probability[i, begin:end], scratch.reached
+    )
+    for z in range(begin, end):
+        if grid.probability[i, z] > 0.0:
+            mode = problem.outcome_mode[first + z]
+            if grid.exact[mode]:
+                node = new_node(grid, problem, mode, np.inf, NEW)
+                grid.belief[node] = grid.after[i, z]
+                grid.start[node] = grid.start[i]
+                grid.corners[i, z] = 1
+                grid.vertex[i, z, 0] = node
+                grid.weight[i, z, 0] = 1.0
+            else:
                 grid.level[i, z] = -1
-                refreeze(grid, problem, i, z, problem.outcome_mode[first + z], level, scratch)
+                refreeze(grid, problem, i, z, mode, grid.start[i], scratch)
+    grid.opened[i, j] = True
+    return True
+
+
+@kernel
+def add_corners(grid: Grid, problem: ProblemArrays, upper: float) -> None:
+    """Start with the corners of every mode that has a grid, all at one upper bound."""
+    for x in range(len(problem.mode_size)):
+        if grid.exact[x]:
+            continue
+        for y in range(problem.mode_size[x]):
+            # Visits are unknown: for ever, until they are worked out.
+            i = new_node(grid, problem, x, upper, 1.0 / (1.0 - problem.discount))
+            for j in range(y + 1):
+                grid.points[i, j] = 1 << FINEST
+            grid.belief[i, y] = 1.0
+            grid.start[i] = 0
+            free = find(grid.table, grid.points, grid.mode, grid.points[i], problem.mode_size[x], x)
+            grid.table[-1 - free] = i
 
 
 @kernel
 def add_root(grid: Grid, problem: ProblemArrays, mode: int, belief: Array, upper: float) -> None:
     """Add a starting belief, exact in itself; roots come after the corners and before any refinement."""
-    i = grid.counts[0]
-    grid.counts[0] += 1
-    grid.points[i] = 0
-    grid.mode[i] = mode
+    i = new_node(grid, problem, mode, upper, 1.0)
     grid.belief[i] = belief
-    grid.upper[i] = upper
-    grid.share[i] = 1.0  # until it is worked out; left at zero it would not even be swept
-    grid.greedy[i] = 0
-    step_point(grid, problem, i, 0, new_scratch(grid.belief.shape[1]))
-
-
-@kernel
-def add_corners(grid: Grid, problem: ProblemArrays, upper: float) -> None:
-    """Start with the corners of every mode, all at one upper bound."""
-    scratch = new_scratch(grid.belief.shape[1])
-    for x in range(len(problem.mode_size)):
-        for y in range(problem.mode_size[x]):
-            i = grid.counts[0]
-            grid.counts[0] += 1
-            grid.points[i] = 0
-            for j in range(y + 1):
-                grid.points[i, j] = 1 << FINEST
-            grid.mode[i] = x
-            grid.belief[i] = 0.0
-            grid.belief[i, y] = 1.0
-            grid.upper[i] = upper
-            free = find(grid.table, grid.points, grid.mode, grid.points[i], problem.mode_size[x], x)
-            grid.table[-1 - free] = i
-    for i in range(grid.counts[0]):
-        grid.share[i] = 1.0 / (1.0 - problem.discount)  # until they are worked out
-        grid.greedy[i] = 0
-        step_point(grid, problem, i, 0, scratch)
+    grid.start[i] = 0
 
 
 @kernel
 def refine(grid: Grid, problem: ProblemArrays, mode: int, belief: Array, level: int, scratch: Scratch) -> bool:
     """Add what is missing of the cell of a belief at a level; False if there is no room."""
+    if level > FINEST:
+        return True  # there is nothing finer; what is lost in that cell stays lost
     n = problem.mode_size[mode]
+    offered = problem.mode_choice[mode + 1] - problem.mode_choice[mode]
     order = np.empty(n, dtype=np.int64)
     more = cell(belief, n, level, scratch.base, scratch.fraction, order)
     shift = FINEST - level
@@ -244,95 +269,24 @@ def refine(grid: Grid, problem: ProblemArrays, mode: int, belief: Array, level: 
             continue
         if grid.counts[0] >= len(grid.upper):
             return False
-        i = grid.counts[0]
-        grid.points[i] = 0
+        i = new_node(grid, problem, mode, np.inf, NEW)
         grid.points[i, :n] = corner
-        grid.mode[i] = mode
-        grid.belief[i] = 0.0
         point_belief(corner, n, grid.belief[i])
-        # A new point starts at what the grid says of it before it is there.
-        value = np.inf
+        # A new point starts at what the grid says of it before it is there, and so do its choices. It looks for
+        # cells of its successors from the level before on: fine cells are mostly followed by fine ones.
+        grid.start[i] = level - 1
         for coarser in range(level - 1, -1, -1):
             count = interpolation(
                 grid.table, grid.points, grid.mode, grid.belief[i], n, mode, coarser, scratch
             )  # fmt: skip
             if count > 0:
-                value = 0.0
-                for j in range(count):
-                    value += scratch.weights[j] * grid.upper[scratch.vertices[j]]
+                grid.upper[i] = 0.0
+                grid.ahead[i, :offered] = 0.0
+                for v in range(count):
+                    weight = scratch.weights[v]
+                    grid.upper[i] += weight * grid.upper[scratch.vertices[v]]
+                    for j in range(offered):
+                        grid.ahead[i, j] += weight * grid.ahead[scratch.vertices[v], j]
                 break
-        grid.upper[i] = value
-        grid.share[i] = NEW
-        grid.greedy[i] = 0
         grid.table[-1 - free] = i
-        grid.counts[0] += 1
-        step_point(grid, problem, i, level - 1, scratch)
     return True
-
-
-@kernel
-def lower_point(grid: Grid, problem: ProblemArrays, i: int) -> float:
-    """Bring a point down to the best of one step ahead; returns by how much it fell.
-
-    Bounds of choices only fall, so a choice is looked at again only while what was last known of it is the best.
-    """
-    x = grid.mode[i]
-    offered = problem.mode_choice[x + 1] - problem.mode_choice[x]
-    first = problem.choice_outcome[problem.mode_choice[x]]
-    fresh = -1
-    while True:
-        j = 0
-        for k in range(1, offered):
-            if grid.ahead[i, k] > grid.ahead[i, j]:
-                j = k
-        if j == fresh:
-            break
-        c = problem.mode_choice[x] + j
-        value = grid.reward[i, j]
-        for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-            p = grid.probability[i, z]
-            if p > 0.0:
-                value += problem.discount * p * frozen(grid, i, z)
-        # Rounding must not let two choices take turns for ever.
-        grid.ahead[i, j] = min(grid.ahead[i, j], value)
-        fresh = j
-    grid.greedy[i] = fresh
-    fall = grid.upper[i] - grid.ahead[i, fresh]
-    if fall > 0.0:
-        grid.upper[i] = grid.ahead[i, fresh]
-        return fall
-    return 0.0
-
-
-@kernel
-def visit_shares(grid: Grid, problem: ProblemArrays, weight: Array, first_root: int, tolerance: float) -> None:
-    r"""Discounted number of visits of every point under the greedy choices, from roots with weights.
-
-    Solves :math:`\rho = e + \gamma P^\top \rho` by pushing what has not been passed on, until less than `tolerance`
-    of a visit is left over.
-    """
-    n = grid.counts[0]
-    left = np.zeros(n)
-    grid.share[:n] = 0.0
-    for r in range(len(weight)):
-        left[first_root + r] = weight[r]
-    small = tolerance / (4.0 * n)
-    for _ in range(1000):
-        total = 0.0
-        for i in range(n):
-            mass = left[i]
-            if mass <= small:
-                continue
-            left[i] = 0.0
-            grid.share[i] += mass
-            total += mass
-            x = grid.mode[i]
-            c = problem.mode_choice[x] + grid.greedy[i]
-            first = problem.choice_outcome[problem.mode_choice[x]]
-            for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-                p = problem.discount * mass * grid.probability[i, z]
-                if p > 0.0:
-                    for k in range(grid.corners[i, z]):
-                        left[grid.vertex[i, z, k]] += p * grid.weight[i, z, k]
-        if total <= tolerance:
-            break

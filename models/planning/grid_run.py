@@ -8,9 +8,10 @@ import numpy as np
 
 from models.compiled import kernel
 from models.planning.arrays import Array, Index, ProblemArrays
+from models.planning.blind_policies import blind_vectors
 from models.planning.grid_bounds import Grid, add_corners, add_root, empty_grid
 from models.planning.grid_solver import GO_ON, advance
-from models.planning.vectors import Vectors, blind_vectors, empty_vectors, evaluate_closed
+from models.planning.vectors import Vectors, empty_vectors, evaluate_closed
 
 BLIND = 64
 """Blind policies tried: all combinations of choices up to that many, else one an action."""
@@ -42,7 +43,8 @@ class GridRun(NamedTuple):
 
 
 def new_run(problem: ProblemArrays, points: int, vectors: int) -> GridRun:
-    """Room for a solution with so many grid points and vectors."""
+    """Room for a solution with so many grid points and vectors; for corners and a start in every mode at least."""
+    points = max(points, int(problem.mode_size.sum()) + len(problem.mode_size))
     return GridRun(
         empty_grid(problem, points), empty_vectors(problem, vectors), np.zeros(2), np.zeros(1, dtype=np.int64)
     )

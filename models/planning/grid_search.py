@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.grid_bounds import Grid, grown_grid
+from models.planning.grid_bounds import Grid, empty_grid, grown_grid
 from models.planning.grid_run import GridRun, begin, blind_slots, new_run
 from models.planning.grid_solver import DONE, FULL, advance
 from models.planning.vectors import Vectors, grown_vectors
@@ -18,6 +18,16 @@ PATIENCE = 8
 def bytes_of(*groups: Grid | Vectors | tuple) -> int:
     """Memory that arrays take."""
     return sum(array.nbytes for group in groups for array in group if hasattr(array, "nbytes"))
+
+
+def point_bytes(problem: ProblemArrays) -> int:
+    """Memory that a node of the grid takes."""
+    return bytes_of(empty_grid(problem, 1))
+
+
+def least_points(problem: ProblemArrays) -> int:
+    """Nodes without which a grid cannot begin: corners, starts, and room for one refinement."""
+    return 2 * (int(problem.mode_size.sum()) + len(problem.mode_size))
 
 
 class GridSearch:
@@ -43,8 +53,8 @@ class GridSearch:
     ) -> None:  # fmt: skip
         self.problem, self.weight, self.memory = problem, weight, memory
         known = 0 if warm is None else int(warm.counts[0])
-        corners = int(problem.mode_size.sum()) + len(modes)
-        run = new_run(problem, max(POINTS, 2 * corners), SLOTS + blind_slots(problem) + known)
+        points = max(least_points(problem), min(POINTS, memory // (2 * point_bytes(problem))))
+        run = new_run(problem, points, SLOTS + blind_slots(problem) + known)
         if warm is not None:
             run = run._replace(vectors=grown_vectors(warm, len(run.vectors.mode)))
         self.run: GridRun = run

@@ -21,7 +21,10 @@ from numpy.typing import NDArray
 
 from models.compiled import kernel
 from models.planning.arrays import Array, ProblemArrays
-from models.planning.grid_bounds import Grid, look_up_again, lower_point, refine, visit_shares
+from models.planning.graph_value import solve_reachable
+from models.planning.grid_bounds import Grid, look_up_again, refine
+from models.planning.grid_sweeps import solve_frozen, sweep_down, visit_shares
+from models.planning.precision import gap_wanted
 from models.planning.simplex_grid import new_scratch
 from models.planning.step_kernel import look_ahead
 from models.planning.vectors import Vectors, add_vector, best_since, best_vector, evaluate_graph, keep_useful
@@ -44,8 +47,15 @@ BACKUPS = 8
 AGREEMENTS = 10
 """Times a round works out visits anew at most."""
 
-SWEEPS = 400
-"""Sweeps of a round at most."""
+VISITS_LEFT = 0.05
+"""Visits that need not be accounted for, at most."""
+
+GAP_LEFT = 0.1
+"""What these may be worth, as a share of the gap: nodes that nobody is known to visit are not swept."""
+
+
+ROUND_WORK = 3e8
+"""Multiplications that a round spends on sweeps, more or less."""
 
 
 class _Look(NamedTuple):
@@ -84,25 +94,6 @@ def root_bounds(
 
 
 @kernel
-def sweep_down(grid: Grid, problem: ProblemArrays, small: float) -> int:
-    """Sweep all points until what is left matters less than `small` to the root; returns the number of sweeps."""
-    n = grid.counts[0]
-    for sweep in range(SWEEPS):
-        left = 0.0
-        total = 0.0
-        for k in range(n):
-            i = n - 1 - k if sweep % 2 == 0 else k
-            if grid.share[i] == 0.0:
-                continue
-            fall = lower_point(grid, problem, i)
-            left += grid.share[i] * fall
-            total += fall
-        if left <= small or total == 0.0:
-            return sweep + 1
-    return SWEEPS
-
-
-@kernel
 def advance(
     problem: ProblemArrays, grid: Grid, vectors: Vectors, weight: Array, first_root: int, precision: float,
     relative: bool, bounds: Array,
@@ -128,16 +119,30 @@ def advance(
     int
         `DONE`, `GO_ON` or `FULL`.
     """
-    look_up_again(grid, problem, new_scratch(grid.belief.shape[1]))
-    # Falling bounds change the choices that look best, and with them which points matter: until both agree.
-    for attempt in range(AGREEMENTS):
-        root_bounds(grid, vectors, problem, weight, first_root, bounds)
-        # Nothing is known yet of how much the points count that the last round added: one look at visits at least.
-        if sweep_down(grid, problem, SWEEP_SHARE * (bounds[1] - bounds[0])) == 1 and attempt > 0:
-            break
-        visit_shares(grid, problem, weight, first_root, 0.05)
+    scratch = new_scratch(grid.belief.shape[1])
+    look_up_again(grid, problem, scratch)
     root_bounds(grid, vectors, problem, weight, first_root, bounds)
-    wanted = precision * (max(abs(bounds[0]), abs(bounds[1])) if relative else 1.0)
+    unseen = VISITS_LEFT
+    if problem.span > 0.0:
+        worth = (1.0 - problem.discount) * problem.span
+        unseen = min(unseen, GAP_LEFT * max(0.0, bounds[1] - bounds[0]) / worth)
+    if solve_frozen(grid, problem, scratch):
+        visit_shares(grid, problem, weight, first_root, unseen, True)
+    else:
+        # Falling bounds change the choices that look best, and with them which points matter: until both agree.
+        done = 0.0
+        for attempt in range(AGREEMENTS):
+            root_bounds(grid, vectors, problem, weight, first_root, bounds)
+            # Nothing is known yet of how much the points count that the last round added: one look at visits.
+            sweeps = sweep_down(grid, problem, SWEEP_SHARE * (bounds[1] - bounds[0]), scratch)
+            if sweeps < 0:
+                return FULL
+            done += float(sweeps * grid.counts[0] * grid.probability.shape[1] * grid.belief.shape[1])
+            if (sweeps == 1 and attempt > 0) or done > ROUND_WORK:
+                break
+            visit_shares(grid, problem, weight, first_root, unseen, False)
+    root_bounds(grid, vectors, problem, weight, first_root, bounds)
+    wanted = gap_wanted(precision, relative, bounds[0], bounds[1], problem.least)
     if bounds[1] - bounds[0] <= wanted:
         return DONE
     n = grid.counts[0]
@@ -157,11 +162,22 @@ def advance(
         since = vectors.counts[0]
         if not _back_up(problem, grid, vectors, look.short, total_short, wanted):
             return FULL
+        _value_policy(problem, grid, vectors, len(weight), first_root)
     root_bounds(grid, vectors, problem, weight, first_root, bounds)
-    wanted = precision * (max(abs(bounds[0]), abs(bounds[1])) if relative else 1.0)
+    wanted = gap_wanted(precision, relative, bounds[0], bounds[1], problem.least)
     if bounds[1] - bounds[0] <= wanted:
         return DONE
     return GO_ON if _refine(problem, grid, look.lossy, total_lossy) else FULL
+
+
+@kernel
+def _value_policy(problem: ProblemArrays, grid: Grid, vectors: Vectors, roots: int, first_root: int) -> None:
+    """Value the policy of every root exactly, and the vectors that lead to it by some sweeps."""
+    for r in range(roots):
+        i = first_root + r
+        best, _ = best_vector(vectors, grid.mode[i], grid.belief[i], problem.mode_size[grid.mode[i]])
+        solve_reachable(problem, vectors, best)
+    evaluate_graph(problem, vectors, 0.0, 10)
 
 
 @kernel
@@ -293,7 +309,6 @@ def _back_up(
             continue
         look_ahead(problem, best_choice, size, vectors.alpha, best_follow, best_alpha, after)
         add_vector(vectors, x, best_choice, best_alpha, best_follow)
-    evaluate_graph(problem, vectors, 0.0, 10)
     return room
 
 

@@ -36,6 +36,13 @@ def latent_problem(
     process : ModeProcess, optional
         Alternating modes from the protocol's first by default.
     discount : float
+        In ``[0, 1]``.
+    name : str
+
+    Raises
+    ------
+    InputError
+        If the process is of another number of modes, or the discount is out of range.
     """
     process = process or alternating(model.protocol)
     return _problem(
@@ -49,8 +56,7 @@ def _problem(
     discount: float, state_names: tuple[str, ...], name: str, *, full: bool = False,
 ) -> Problem:  # fmt: skip
     """One problem; `full` stores zeros too, so that every draw of a batch has its entries in the same places."""
-    if len(process.start) != len(protocol.modes):
-        raise located("mode process, modes", len(process.start), f"{len(protocol.modes)}, as the protocol has")
+    _check_modes(protocol, process)
     choices = []
     a = 0
     for m, mode in enumerate(protocol.modes):
@@ -79,6 +85,11 @@ def _problem(
     )  # fmt: skip
 
 
+def _check_modes(protocol: Protocol, process: ModeProcess) -> None:
+    if len(process.start) != len(protocol.modes):
+        raise located("mode process, modes", len(process.start), f"{len(protocol.modes)}, as the protocol has")
+
+
 def _table(values: Array, full: bool):  # type: ignore[no-untyped-def]
     if not full:
         return csr(values)
@@ -96,11 +107,22 @@ class LatentBatch:
     draws : ModelDraws
     process : ModeProcess
     discount : float
+        In ``[0, 1]``.
+
+    Raises
+    ------
+    InputError
+        If the process is of another number of modes, or the discount is out of range.
     """
 
     draws: ModelDraws
     process: ModeProcess
     discount: float = DISCOUNT
+
+    def __post_init__(self) -> None:
+        _check_modes(self.draws.protocol, self.process)
+        if not 0 <= self.discount <= 1:
+            raise located("draws, discount", self.discount, "a number from 0 to 1")
 
     def __len__(self) -> int:
         return self.draws.n_draws

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.errors import located
 from models.lspomdp import check_rows
+from models.planning.belief_check import real_array
 from models.protocol import Protocol
 
 
@@ -25,6 +26,11 @@ class ModeProcess:
         Distribution of the first mode.
     words : str
         The process in words.
+
+    Raises
+    ------
+    InputError
+        On anything but numbers, shapes that do not fit, or rows that are no probabilities (sum within 1e-9).
     """
 
     table: NDArray[np.float64]
@@ -32,8 +38,12 @@ class ModeProcess:
     words: str
 
     def __post_init__(self) -> None:
-        for field in ("table", "start"):
-            object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.float64))
+        for field, wanted in (("table", "rows of probabilities"), ("start", "probabilities, one a mode")):
+            value = np.array(real_array(f"mode process, {field}", getattr(self, field), wanted))
+            value.setflags(write=False)
+            object.__setattr__(self, field, value)
+        if self.start.ndim != 1:
+            raise located("mode process, shape of the start", self.start.shape, "one probability a mode")
         n = len(self.start)
         if self.table.shape != (n, n):
             raise located("mode process, shape of the table", self.table.shape, f"({n}, {n})")
@@ -49,6 +59,11 @@ def alternating(protocol: Protocol, start: str | None = None) -> ModeProcess:
     protocol : Protocol
     start : str, optional
         Name or letter of the first mode; the protocol's first by default.
+
+    Raises
+    ------
+    InputError
+        On a name that is none of the modes'.
     """
     n = len(protocol.modes)
     first = _start(protocol, start)
@@ -66,7 +81,7 @@ def bernoulli(protocol: Protocol, probability: float, start: str | None = None) 
     """
     if len(protocol.modes) != 2:
         raise located("bernoulli modes, modes of the protocol", len(protocol.modes), "2")
-    if not 0 <= probability <= 1:
+    if isinstance(probability, str) or not 0 <= probability <= 1:
         raise located("bernoulli modes, probability", probability, "a number from 0 to 1")
     row = np.array([probability, 1 - probability])
     first = row if start is None else _start(protocol, start)
@@ -78,12 +93,25 @@ def bernoulli(protocol: Protocol, probability: float, start: str | None = None) 
 
 
 def mode_table(protocol: Protocol, table: ArrayLike, start: str | None = None) -> ModeProcess:
-    """Any table of probabilities between the protocol's modes."""
+    """Any table of probabilities between the protocol's modes.
+
+    Parameters
+    ----------
+    protocol : Protocol
+    table : float64[m, m']
+        From each mode to the next, in the protocol's order.
+    start : str, optional
+        Name or letter of the first mode; the protocol's first by default.
+
+    Raises
+    ------
+    InputError
+        On what is no table of probabilities between that many modes, or no mode.
+    """
     first = _start(protocol, start)
     name = protocol.modes[int(first.argmax())].name
-    return ModeProcess(
-        np.asarray(table, dtype=np.float64), first, f"modes move by a table of probabilities, from {name}"
-    )
+    rows = real_array("mode process, table", table, "rows of probabilities")
+    return ModeProcess(rows, first, f"modes move by a table of probabilities, from {name}")
 
 
 def _start(protocol: Protocol, start: str | None) -> NDArray[np.float64]:
@@ -108,6 +136,11 @@ def schedule_modes(protocol: Protocol, schedule: str | Sequence[str]) -> tuple[i
     protocol : Protocol
     schedule : str or sequence of str
         Letters such as ``HRHRH`` (H: the *human* may help), or names of modes.
+
+    Raises
+    ------
+    InputError
+        On a letter or name that is none of the modes', or no event.
     """
     if isinstance(schedule, str):
         names = [m.name for m in protocol.modes_from_letters(schedule)]

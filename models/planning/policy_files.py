@@ -17,7 +17,8 @@ from models.errors import InputError, Phrase, located
 from models.model_files import model_from_dict, read_json, write_text
 from models.planning.alpha_policy import AlphaPolicy
 from models.planning.baselines import ModePolicy, Reciprocal
-from models.planning.belief_model import ANY_MODE, TOLERANCE, BeliefModel, Outcome
+from models.planning.belief_check import TOLERANCE
+from models.planning.belief_model import ANY_MODE, BeliefModel, Outcome
 from models.planning.belief_policy import Myopic
 from models.planning.controller import FiniteStateController
 from models.planning.mixed_policy import MixedPolicy

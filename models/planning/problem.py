@@ -23,15 +23,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from models.errors import InputError, Phrase, located
-from models.planning.belief_check import checked_belief
+from models.planning.belief_check import IMPOSSIBLE, TOLERANCE, checked_belief
 
 Array = NDArray[np.float64]
 
-ROW_TOLERANCE = 1e-9
-"""How far a row of probabilities may be from one; files are renormalised before (`models.planning.formats`)."""
-
-IMPOSSIBLE = 1e-12
-"""An observation less probable than that cannot be told from one that is impossible."""
+AT_STAKE, ROUNDING = 1e-6, 1e-11
+"""Values count as at least these shares of what is at stake, and of the largest value there can be."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +152,7 @@ class Problem:
                     bad = table.data[~(np.isfinite(table.data) & (table.data >= 0))][0]
                     raise located(f"{place}, probability", bad, "a number from 0 to 1")
             total += branch.row_sums()
-        wrong = np.flatnonzero(np.abs(total - 1) > ROW_TOLERANCE)
+        wrong = np.flatnonzero(np.abs(total - 1) > TOLERANCE)
         if wrong.size:
             y = int(wrong[0])
             where = f"{place}, state {self.states[x][y]}, sum of the probabilities"
@@ -169,7 +166,7 @@ class Problem:
         joined = np.concatenate(self.initial)
         if not (np.isfinite(joined).all() and (joined >= 0).all()):
             raise located(place, joined[~(np.isfinite(joined) & (joined >= 0))][0], "probabilities from 0 to 1")
-        if abs(joined.sum() - 1) > ROW_TOLERANCE:
+        if abs(joined.sum() - 1) > TOLERANCE:
             raise located(f"{place}, sum", f"{joined.sum():.10g}", "1 within 1e-9")
 
     # -- names -------------------------------------------------------------------------------------
@@ -182,6 +179,24 @@ class Problem:
     def n_states(self) -> int:
         """Number of hidden states of the largest mode."""
         return max(len(s) for s in self.states)
+
+    @property
+    def span(self) -> float:
+        r"""Largest difference there can be between two values, :math:`(\max R - \min R) / (1 - \gamma)`."""
+        rewards = [c.reward for offered in self.choices for c in offered]
+        return _for_ever(max(float(r.max()) for r in rewards) - min(float(r.min()) for r in rewards), self.discount)
+
+    @property
+    def largest_value(self) -> float:
+        r"""Largest size that a value can have, :math:`\max |R| / (1 - \gamma)`; rounding is in proportion to it."""
+        return _for_ever(max(float(np.abs(c.reward).max()) for o in self.choices for c in o), self.discount)
+
+    @property
+    def least_size(self) -> float:
+        """What values count as at least where gaps are told relative to them (`models.planning.precision`)."""
+        highest = max(float(c.reward.max()) for offered in self.choices for c in offered)
+        sure = min(max(float(c.reward.min()) for c in offered) for offered in self.choices)
+        return max(AT_STAKE * _for_ever(highest - sure, self.discount), ROUNDING * self.largest_value)
 
     def mode(self, name: str) -> int:
         """Index of a mode.
@@ -268,8 +283,16 @@ class Problem:
         Raises
         ------
         InputError
-            On an impossible observation, or a belief that is none.
+            On an impossible observation, a belief that is none, or an index that is out of range.
         """
+        if impossible not in ("error", "keep", "reset"):
+            raise located("impossible observations", impossible, "error, keep or reset")
+        for what, index, count in (
+            ("mode", mode, self.n_modes), ("next mode", next_mode, self.n_modes),
+            ("observation", observation, len(self.observations)),
+        ):  # fmt: skip
+            _check_index(f"{self.name}, {what}", index, count)
+        _check_index(f"{self.name}, choice in mode {self.modes[mode]}", choice, len(self.choices[mode]))
         belief = self.check_belief(mode, belief)
         outcomes = self.outcomes(mode, choice, belief)
         for x, o, p, after in outcomes:
@@ -300,6 +323,17 @@ class Problem:
         return replace(self, initial=tuple(np.asarray(b, dtype=np.float64) for b in initial))
 
 
+def _check_index(place: str, index: int, count: int) -> None:
+    if not 0 <= index < count:
+        raise located(place, index, f"0 to {count - 1}")
+
+
+def _for_ever(reward: float, discount: float) -> float:
+    if reward == 0:
+        return 0.0
+    return reward / (1 - discount) if discount < 1 else np.inf
+
+
 def _joined(choice: Choice) -> Choice:
     """A choice with one outcome for each next mode and observation: what looks alike cannot be told apart."""
     keys = [(b.mode, o) for b in choice.branches for o in b.observations]
@@ -308,8 +342,9 @@ def _joined(choice: Choice) -> Choice:
     tables: dict[tuple[int, int], Any] = {}
     for b in choice.branches:
         for j, o in enumerate(b.observations):
-            seen = 1.0 if b.emission is None else b.emission[:, [j]].toarray().ravel()[None, :]
-            table = b.transition.toarray() * seen
+            table = b.transition
+            if b.emission is not None:
+                table = table @ sparse.diags_array(b.emission[:, [j]].toarray().ravel())
             tables[b.mode, o] = tables[b.mode, o] + table if (b.mode, o) in tables else table
     return replace(choice, branches=tuple(Branch(x, csr(t), (o,)) for (x, o), t in tables.items()))
 

@@ -37,10 +37,13 @@ class SimulatedValue:
         Standard error of the mean.
     low, high : float
         Interval of `level` for the value without horizon: the normal interval of the mean, widened on either side
-        by what the steps after the last simulated one can be worth at most (`left`, a bound from the rewards). With
-        discount 1 the value of `steps` steps.
+        by what the steps after the last simulated one can be worth at most (`left`, a bound from the rewards) and
+        by `rounding`. With discount 1 the value of `steps` steps. It knows nothing of what is so rare that none of
+        the runs met it.
     level : float
     left : float
+    rounding : float
+        How far sums of floating-point numbers may be from the returns and their mean.
     runs, steps, seed : int
     discount : float
     frequencies : dict of str to float
@@ -55,6 +58,7 @@ class SimulatedValue:
     high: float
     level: float
     left: float
+    rounding: float
     runs: int
     steps: int
     seed: int
@@ -110,8 +114,7 @@ def simulate_policies(
         if policy.vocabulary != words:
             place = f"policy {policy.name}, modes, actions and observations"
             raise located(place, policy.vocabulary, str(words))
-    if runs < 2:
-        raise located("simulation, runs", runs, "at least 2")
+    _check_count("runs", runs, 2)
     if not 0 < level < 1:
         raise located("simulation, level", level, "a number between 0 and 1")
     if steps is None:
@@ -119,10 +122,14 @@ def simulate_policies(
             found = Phrase("none, with discount 1")
             raise located("simulation, steps", found, "a number of steps, or a discount below 1")
         steps = 1 if problem.discount == 0 else max(1, int(np.ceil(np.log(1e-4) / np.log(problem.discount))))
-    if steps < 1:
-        raise located("simulation, steps", steps, "at least 1")
+    _check_count("steps", steps, 1)
     world = _World(problem)
     return tuple(_simulate(policy, world, runs, steps, level, seed) for policy in policies)
+
+
+def _check_count(what: str, count: Any, least: int) -> None:
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < least:
+        raise located(f"simulation, {what}", count, f"a whole number, at least {least}")
 
 
 def simulate_policy(policy: Policy, problem: Problem, **options: Any) -> SimulatedValue:
@@ -145,8 +152,12 @@ def beside(simulated: SimulatedValue, control: SimulatedValue, exact: float) -> 
         raise located("simulated difference", Phrase("runs on different luck"), "one call of simulate_policies")
     gain = simulated.returns - control.returns
     value, error = exact + float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
-    half = NormalDist().inv_cdf(0.5 + simulated.level / 2) * error + 2 * simulated.left
-    return replace(simulated, value=value, error=error, low=value - half, high=value + half, returns=gain + exact)
+    rounding = simulated.rounding + control.rounding + float(np.spacing(abs(exact)))
+    half = NormalDist().inv_cdf(0.5 + simulated.level / 2) * error + 2 * simulated.left + rounding
+    return replace(
+        simulated, value=value, error=error, low=value - half, high=value + half, rounding=rounding,
+        returns=gain + exact,
+    )  # fmt: skip
 
 
 class _World:
@@ -199,7 +210,7 @@ def _simulate(policy: Policy, world: _World, runs: int, steps: int, level: float
     nature, chance = (np.random.default_rng(s) for s in streams)
     mode, state = world.begin(nature.random(runs))
     memories = policy.begin_many(mode)
-    returns, weight = np.zeros(runs), 1.0
+    returns, weight, size = np.zeros(runs), 1.0, 0.0
     counts: dict[str, float] = {}
     for k in range(steps):
         share = policy.probabilities_many(memories)
@@ -218,12 +229,16 @@ def _simulate(policy: Policy, world: _World, runs: int, steps: int, level: float
         if k + 1 < steps:
             memories = policy.observe_many(memories, choice, seen, after)
         mode, state = after, reached
+        size += weight * world.most
         weight *= discount
     left = weight * world.most / (1 - discount) if discount < 1 else 0.0
     value, error = float(returns.mean()), float(returns.std(ddof=1) / np.sqrt(runs))
-    half = NormalDist().inv_cdf(0.5 + level / 2) * error + left
+    # A return is a sum of `steps` products, their mean is summed pairwise in blocks of 128; each operation is off
+    # by half an epsilon of the sum so far, at most `size`.
+    rounding = float(np.finfo(float).eps) * size * (steps + 128 + np.log2(runs))
+    half = NormalDist().inv_cdf(0.5 + level / 2) * error + left + rounding
     total = sum(counts.values())
     return SimulatedValue(
-        policy.name, value, error, value - half, value + half, level, left, runs, steps, seed, discount,
+        policy.name, value, error, value - half, value + half, level, left, rounding, runs, steps, seed, discount,
         {a: counts[a] / total for a in sorted(counts)}, returns,
     )  # fmt: skip

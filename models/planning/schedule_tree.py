@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
@@ -42,6 +42,27 @@ class ScheduleTree:
     offset: NDArray[np.int64]
     histories: int
     leaves: int
+
+    def some(self, keep: NDArray[np.int64] | slice, start: Array) -> ScheduleTree:
+        r"""The tree with some of its draws only, started from other vectors.
+
+        Plans of the last events are kept as they are: those that are best for some of the draws are among them.
+
+        Parameters
+        ----------
+        keep : int64[n] or slice
+            Draws.
+        start : float64[n, s]
+            In place of :math:`P(\text{draw}, s_0)`.
+        """
+        t = self.tables
+        own = t._replace(
+            start=np.ascontiguousarray(start.T),
+            transition=np.ascontiguousarray(t.transition[..., keep]),
+            emission=np.ascontiguousarray(t.emission[..., keep]),
+            reward=np.ascontiguousarray(t.reward[:, keep]),
+        )
+        return replace(self, tables=own, leaf_vectors=np.ascontiguousarray(self.leaf_vectors[:, keep]))
 
     @property
     def leaf(self) -> int:

@@ -23,8 +23,9 @@ Index = NDArray[np.int64]
 FINEST = 20
 """Coordinates are whole numbers at the level :math:`M = 2^{20}`, finer than any cell that matters."""
 
-SNAP = 1e-11
-"""Fractions nearer to a whole number than this are taken for it, or a vertex may fall off the simplex."""
+SNAP = 2e-15
+"""Sums of probabilities nearer than this to a coordinate of the grid are taken for it: no more than rounding, as
+every bit of it moves the belief that is bounded."""
 
 
 class Scratch(NamedTuple):
@@ -36,6 +37,7 @@ class Scratch(NamedTuple):
     fraction: Array
     vertices: NDArray[np.int32]
     weights: Array
+    reached: Array
 
 
 @kernel
@@ -43,7 +45,7 @@ def new_scratch(width: int) -> Scratch:
     """Scratch for beliefs of that width."""
     return Scratch(
         np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64),
-        np.empty(width), np.empty(width, dtype=np.int32), np.empty(width),
+        np.empty(width), np.empty(width, dtype=np.int32), np.empty(width), np.empty(width),
     )  # fmt: skip
 
 

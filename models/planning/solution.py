@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.planning.arrays import Array, Index
+from models.planning.precision import relative_gap
 from models.planning.problem import Problem
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class Solution:
         ``converged``, ``time limit``, ``memory limit``, ``stalled`` (rounds without progress), or ``interrupted``.
     precision : float
     relative : bool
-        Whether `precision` is relative to the larger of the bounds' sizes.
+        Whether `precision` is relative to the larger of the bounds' sizes (`models.planning.precision`).
     seconds, compile_seconds : float
         Wall time of the work, and of compiling or loading kernels.
     alpha : float64[k, w]
@@ -79,9 +80,8 @@ class Solution:
 
     @property
     def relative_gap(self) -> float:
-        """Gap as a share of the larger bound's size; zero where both are zero."""
-        size = max(abs(self.lower), abs(self.upper))
-        return self.gap / size if size > 0 else 0.0
+        """Gap as a share of the larger bound's size (`models.planning.precision`)."""
+        return relative_gap(self.lower, self.upper, self.problem.least_size)
 
     @property
     def alpha_vectors(self) -> int:

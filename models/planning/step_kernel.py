@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from models.compiled import kernel
 from models.planning.arrays import Array, ProblemArrays
 
-POSSIBLE = 1e-12
-"""Outcomes less probable than this are taken for impossible."""
+POSSIBLE = 1e-200
+"""Outcomes less probable than this are taken for impossible; what they are worth is lost to an upper bound."""
 
 
 @kernel

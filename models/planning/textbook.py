@@ -56,14 +56,26 @@ def textbook_problem(
     >>> textbook_problem(listen, [[[.85, .15], [.15, .85]]], [[-1.0, -1.0]], 0.95).n_states
     2
     """
-    moves = [csr(t) for t in transition]  # type: ignore[union-attr]
-    seen = [csr(o) for o in observation]  # type: ignore[union-attr]
+    moves, seen = _tables(transition, f"{name}, transition"), _tables(observation, f"{name}, observation")
+    if not moves:
+        raise located(f"{name}, actions", 0, "at least one")
     n = moves[0].shape[0]
-    rewards = np.asarray(reward, dtype=np.float64)
+    try:
+        rewards = np.asarray(reward, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise located(f"{name}, reward", Phrase("rows of different lengths, or no numbers"), "numbers") from None
     if len(seen) != len(moves):
         found = Phrase(f"{len(moves)} transition and {len(seen)} observation tables")
         raise located(f"{name}, actions", found, "one of each for an action")
+    for what, given, count in (
+        ("states", states, n), ("actions", actions, len(moves)), ("observations", observations, seen[0].shape[1]),
+    ):  # fmt: skip
+        if given and (len(given) != count or len(set(given)) != count):
+            raise located(f"{name}, names of {what}", list(given)[:20], f"{count} different ones")
     if rewards.ndim == 4:
+        wanted = (len(moves), n, n, seen[0].shape[1])
+        if rewards.shape != wanted:
+            raise located(f"{name}, shape of the reward", rewards.shape, str(wanted))
         rewards = np.stack(
             [np.einsum("st,to,sto->s", t.toarray(), o.toarray(), r)
              for t, o, r in zip(moves, seen, rewards, strict=True)]
@@ -80,6 +92,17 @@ def textbook_problem(
         (TEXTBOOK_MODE,), (tuple(states) or tuple(map(str, range(n))),), (choices,),
         tuple(observations) or tuple(map(str, kinds)), (start,), float(discount), name, costs,
     )  # fmt: skip
+
+
+def _tables(tables: Any, place: str) -> list[Any]:
+    """One sparse matrix an action."""
+    found = []
+    for a, table in enumerate(tables):
+        try:
+            found.append(csr(table))
+        except (TypeError, ValueError):
+            raise located(f"{place}, action {a}", Phrase("no table of numbers"), "a matrix") from None
+    return found
 
 
 def problem_from_functions(

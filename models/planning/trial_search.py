@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.belief_tree import empty_tree, grown_tree, look_down, look_up, node_of
-from models.planning.fast_informed_bound import informed_vectors, mdp_bound
+from models.planning.belief_tree import TINY, empty_tree, grown_tree, look_down, look_up, node_of, note_risen
+from models.planning.blind_policies import blind_vectors
+from models.planning.fast_informed_bound import (
+    informed_vectors,
+    lower_informed_vectors,
+    lower_mdp_bound,
+    mdp_bound,
+)
+from models.planning.graph_value import solve_reachable
 from models.planning.grid_run import BLIND, blind_slots
 from models.planning.grid_search import bytes_of
-from models.planning.sarsop_trial import (
-    DEEPEST,
-    empty_bins,
-    grown_bins,
-    new_room,
-    run_trials,
-    sweep,
-    tidy_points,
-    tidy_vectors,
-)
-from models.planning.vectors import Vectors, blind_vectors, empty_vectors, evaluate_graph, grown_vectors
+from models.planning.node_backups import DEEPEST, new_room
+from models.planning.precision import gap_wanted
+from models.planning.sarsop_trial import run_trials, sweep
+from models.planning.tree_tidying import tidy_points, tidy_vectors
+from models.planning.value_bins import empty_bins, grown_bins
+from models.planning.vectors import Vectors, empty_vectors, evaluate_graph, grown_vectors
 
 NODES, SLOTS = 2048, 2048
 """Room to begin with."""
@@ -31,6 +34,9 @@ PORTION = 0.05
 
 GROWTH = 1.5
 """Nodes are all swept when there are that many times as many as at the last sweep."""
+
+INFORMED = 0.5
+"""Seconds that each of the upper bounds is worth with which trials begin."""
 
 PATIENCE = 40
 """Steps without any progress before the search has stalled."""
@@ -66,15 +72,10 @@ class TrialSearch:
             blind_vectors(problem, vectors, BLIND)
         self.vectors = vectors
         sizes = problem.mode_size
-        values = np.zeros((len(sizes), problem.reward.shape[1]))
-        scale = (problem.reward.max() - problem.reward.min()) / (1 - problem.discount)
-        mdp_bound(problem, 1e-7 * scale * (1 - problem.discount), 100_000, values)
-        planes = np.zeros_like(problem.reward)
-        informed_vectors(problem, values, 1e-6 * scale * (1 - problem.discount), SWEEPS, planes)
-        for x in range(len(sizes)):
-            offered = planes[problem.mode_choice[x] : problem.mode_choice[x + 1]]
-            values[x] = np.minimum(values[x], offered.max(axis=0))
-        self.tree = empty_tree(problem, max(NODES, 2 * len(modes)), values, planes)
+        values, planes = _informed(problem)
+        room = memory // (2 * bytes_of(empty_tree(problem, 1, values, planes)))
+        least = 2 * (len(modes) + int(np.diff(problem.choice_outcome).max()))
+        self.tree = empty_tree(problem, max(least, min(NODES, room)), values, planes)
         self.bins = empty_bins(problem, self.tree)
         self.room = new_room(problem)
         roots = []
@@ -110,7 +111,7 @@ class TrialSearch:
         if self._next >= 0:
             return self._go_on_sweeping(precision, relative)
         before = (self.lower, self.upper)
-        wanted = precision * (max(map(abs, before)) if relative else 1.0)
+        wanted = self._wanted(precision, relative)
         began = time.perf_counter()
         status = run_trials(
             self.tree, self.problem, self.vectors, self.bins, self.roots, self.weight, wanted, self._work, self.room
@@ -122,23 +123,32 @@ class TrialSearch:
         if status == 1 and (self.beliefs > GROWTH * self._swept or before == (self.lower, self.upper)):
             self._swept = self.beliefs
             self._next = self.beliefs - 1
-        self._waited = self._waited + 1 if before == (self.lower, self.upper) and status != 2 else 0
+        moved = self.lower - before[0] + before[1] - self.upper
+        idle = moved <= 10 * TINY * self.problem.largest and status != 2
+        self._waited = self._waited + 1 if idle else 0
         self.exhausted = self.exhausted or self._waited >= PATIENCE
-        return self.upper - self.lower <= precision * (max(abs(self.lower), abs(self.upper)) if relative else 1.0)
+        return self.upper - self.lower <= self._wanted(precision, relative)
+
+    def _wanted(self, precision: float, relative: bool) -> float:
+        return gap_wanted(precision, relative, self.lower, self.upper, self.problem.least)
 
     def _go_on_sweeping(self, precision: float, relative: bool) -> bool:
-        size = max(abs(self.lower), abs(self.upper))
+        wanted = self._wanted(precision, relative) * (1 - self.problem.discount)
+        least = max(1e-3 * wanted, TINY * self.problem.largest)
         if self._next == self._swept - 1:
+            for i in self.roots:
+                solve_reachable(self.problem, self.vectors, int(self.tree.best[i]))
             evaluate_graph(self.problem, self.vectors, 0.0, 2)
-        self._next = sweep(self.tree, self.problem, self.vectors, self._next, 1e-9 * size, self._work, self.room)
+            note_risen(self.tree, self.problem, self.vectors)
+        self._next = sweep(self.tree, self.problem, self.vectors, self._next, least, self._work, self.room)
         if self._next == -2:
             self._make_room()
-        return self.upper - self.lower <= precision * (max(abs(self.lower), abs(self.upper)) if relative else 1.0)
+        return self.upper - self.lower <= self._wanted(precision, relative)
 
     def _make_room(self) -> None:
         tree, vectors = self.tree, self.vectors
         if tree.counts[1] + DEEPEST > len(tree.point_node):
-            tidy_points(tree)
+            tidy_points(tree, self.problem)
         if vectors.counts[0] + DEEPEST > len(vectors.mode):
             tidy_vectors(tree, self.problem, vectors)
         crowded = tree.counts[1] > 0.7 * len(tree.point_node) or tree.counts[0] > 0.9 * len(tree.mode)
@@ -155,3 +165,32 @@ class TrialSearch:
             self.bins = grown_bins(self.bins, len(self.tree.mode))
         if many:
             self.vectors = grown_vectors(vectors, 2 * len(vectors.mode))
+
+
+def _informed(problem: ProblemArrays) -> tuple[Array, Array]:
+    """Upper bounds that trials begin with: corners ``[x, w]`` and planes ``[c, w]``, in portions."""
+    values = np.zeros((len(problem.mode_size), problem.reward.shape[1]))
+    planes = np.zeros_like(problem.reward)
+    step = problem.span * (1 - problem.discount)
+    mdp_bound(problem, 1e-7 * step, 1, values)
+    _in_portions(lambda most: lower_mdp_bound(problem, 1e-7 * step, most, values), 100_000)
+    informed_vectors(problem, values, 1e-6 * step, 1, planes)
+    _in_portions(lambda most: lower_informed_vectors(problem, 1e-6 * step, most, planes), SWEEPS)
+    for x in range(len(problem.mode_size)):
+        offered = planes[problem.mode_choice[x] : problem.mode_choice[x + 1]]
+        values[x] = np.minimum(values[x], offered.max(axis=0))
+    return values, planes
+
+
+def _in_portions(sweep: Callable[[int], int], most: int) -> None:
+    """Sweep until nothing moves, or enough has been done; every sweep is sound, so any of them may be the last."""
+    began = time.perf_counter()
+    done, portion = 0, 1
+    while done < most and time.perf_counter() - began < INFORMED:
+        start = time.perf_counter()
+        swept = sweep(portion)
+        if swept < portion:
+            break
+        done += swept
+        if time.perf_counter() - start < PORTION:
+            portion *= 2

@@ -17,8 +17,9 @@ from models.compiled import kernel
 from models.planning.arrays import Array, Index, ProblemArrays
 from models.planning.step_kernel import look_ahead
 
-SLACK = 1e-10
-"""A vector that another one exceeds everywhere but for this much is dominated."""
+SLACK = 1e-14
+"""A vector that another one exceeds everywhere but for this share of the largest value is dominated: rounding only,
+as vectors that lead there are not valued anew."""
 
 
 class Vectors(NamedTuple):
@@ -56,6 +57,12 @@ def empty_vectors(problem: ProblemArrays, capacity: int) -> Vectors:
         np.zeros(capacity, dtype=np.int64), np.zeros((capacity, outcomes), dtype=np.int32),
         np.full(len(problem.mode_size), -1, dtype=np.int64), np.full(capacity, -1, dtype=np.int64),
     )  # fmt: skip
+
+
+def copied_vectors(vectors: Vectors, capacity: int) -> Vectors:
+    """A copy with more slots."""
+    wider = grown_vectors(vectors, capacity)
+    return wider._replace(counts=vectors.counts.copy(), last=vectors.last.copy())
 
 
 def grown_vectors(vectors: Vectors, capacity: int) -> Vectors:
@@ -187,52 +194,6 @@ def evaluate_closed(problem: ProblemArrays, vectors: Vectors, first: int, tolera
 
 
 @kernel
-def blind_vectors(problem: ProblemArrays, vectors: Vectors, most: int) -> None:
-    r"""Add the policies that look at the mode only: all combinations of choices up to `most`, else one an action.
-
-    With alternating modes these are the open-loop policies of period two.
-
-    Parameters
-    ----------
-    problem : ProblemArrays
-    vectors : Vectors
-        With free slots for all modes of each policy.
-    most : int
-    """
-    n_modes = len(problem.mode_size)
-    lowest = np.inf
-    highest = -np.inf
-    for x in range(n_modes):
-        for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
-            for y in range(problem.mode_size[x]):
-                lowest = min(lowest, problem.reward[c, y])
-                highest = max(highest, problem.reward[c, y])
-    start = np.full(problem.reward.shape[1], lowest / (1.0 - problem.discount))
-    tolerance = 1e-9 * (highest - lowest) / (1.0 - problem.discount)
-    combinations = 1
-    deepest = 1
-    for x in range(n_modes):
-        offered = problem.mode_choice[x + 1] - problem.mode_choice[x]
-        combinations = min(combinations * offered, most + 1)
-        deepest = max(deepest, offered)
-    every = combinations <= most
-    follow = np.zeros(vectors.follow.shape[1], dtype=np.int32)
-    for number in range(combinations if every else deepest):
-        first = vectors.counts[0]
-        rest = number
-        for x in range(n_modes):
-            offered = problem.mode_choice[x + 1] - problem.mode_choice[x]
-            pick = rest % offered if every else min(number, offered - 1)
-            rest //= offered
-            choice = problem.mode_choice[x] + pick
-            begin = problem.choice_outcome[choice]
-            for z in range(begin, problem.choice_outcome[choice + 1]):
-                follow[z - begin] = first + problem.outcome_mode[z]
-            add_vector(vectors, x, choice, start, follow)
-        evaluate_closed(problem, vectors, first, tolerance, 10_000)
-
-
-@kernel
 def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Drop vectors that are dominated, or neither useful nor followed by a useful one; the rest close ranks.
 
@@ -252,6 +213,7 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
         New number of each vector, or of the one that dominates it; -1 where it is gone.
     """
     count = vectors.counts[0]
+    slack = SLACK * problem.largest
     place = np.empty(count, dtype=np.int32)
     for i in range(count):
         place[i] = i
@@ -263,10 +225,10 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
             below = True
             equal = True
             for y in range(size):
-                if vectors.alpha[i, y] > vectors.alpha[j, y] + SLACK:
+                if vectors.alpha[i, y] > vectors.alpha[j, y] + slack:
                     below = False
                     break
-                if vectors.alpha[i, y] < vectors.alpha[j, y] - SLACK:
+                if vectors.alpha[i, y] < vectors.alpha[j, y] - slack:
                     equal = False
             if below and (not equal or j < i):
                 place[i] = j
@@ -283,13 +245,6 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
         outcomes = problem.choice_outcome[vectors.choice[i] + 1] - problem.choice_outcome[vectors.choice[i]]
         for z in range(outcomes):
             vectors.follow[i, z] = place[vectors.follow[i, z]]
-    for x in range(len(vectors.last)):
-        # Every mode keeps a vector, or nothing could be said of one that is reached later.
-        some = False
-        for i in range(count):
-            some = some or (vectors.mode[i] == x and useful[i])
-        if not some and vectors.last[x] >= 0:
-            useful[place[vectors.last[x]]] = True
     # A mode that no visited point is in yet may be come to later, and any vector of it is sound.
     for x in range(len(vectors.last)):
         held = False
@@ -301,16 +256,22 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
                 useful[i] = True
                 held = True
             i += 1
-    changed = True
-    while changed:
-        changed = False
-        for i in range(count):
-            if useful[i]:
-                outcomes = problem.choice_outcome[vectors.choice[i] + 1] - problem.choice_outcome[vectors.choice[i]]
-                for z in range(outcomes):
-                    if not useful[vectors.follow[i, z]]:
-                        useful[vectors.follow[i, z]] = True
-                        changed = True
+    left = np.empty(count, dtype=np.int64)
+    n_left = 0
+    for i in range(count):
+        if useful[i]:
+            left[n_left] = i
+            n_left += 1
+    while n_left > 0:
+        n_left -= 1
+        i = left[n_left]
+        outcomes = problem.choice_outcome[vectors.choice[i] + 1] - problem.choice_outcome[vectors.choice[i]]
+        for z in range(outcomes):
+            j = vectors.follow[i, z]
+            if not useful[j]:
+                useful[j] = True
+                left[n_left] = j
+                n_left += 1
     kept = 0
     number = np.full(count, -1, dtype=np.int32)
     for i in range(count):

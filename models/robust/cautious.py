@@ -9,26 +9,26 @@ criterion of the mixture, from above :math:`\max_\pi \sum_i q_i X_i(\pi)` for we
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from models.errors import located
-from models.planning.exact import Decisions
+from models.planning.exact import Decisions, responses_before
 from models.planning.schedule import Array, Schedule
 from models.robust.master import mix
-from models.robust.plan_table import PlanTable, best_plan, plan_key
+from models.robust.plan_table import PlanTable
 from models.robust.risk import RiskSet
-
-Reference = Literal["nothing", "optimum", "never"]
-"""What outcomes are counted from: nothing (values), the draw's optimum (minus regret), never helping (gain)."""
 
 ITERATIONS = 500
 """Plans that are looked for at most."""
 
 GAP = 1e-9
 """Gap at which the search stops, times the largest value (at least 1)."""
+
+MOST_NAMED = 3
+"""Histories that are named one by one where a plan is written out."""
 
 SMALLEST_SHARE = 1e-12
 """Shares of plans below this are left out of a mixture, before its value is computed."""
@@ -101,25 +101,32 @@ class CautiousPlan:
         return self.table.plans[best], worth[best]
 
     def rows(self) -> list[dict[str, Any]]:
-        """The mixture readable: each plan's share, first action, and in how many of its histories it acts how."""
+        """The mixture readable: each plan's share, and what it does at each event after which responses."""
         s = self.schedule
         out = []
         for plan, share in sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1]):
             actions = {
-                f"event {k + 1} ({s.mode(k).letter})": _levels(level, [a.name for a in s.mode(k).actions])
+                f"event {k + 1} ({s.mode(k).letter})": _level_words(s, k, level)
                 for k, level in enumerate(plan)
             }
             out.append({"share": float(share), **actions})
         return out
 
 
-def _levels(level: Any, names: list[str]) -> str:
-    """Actions of one event in words."""
-    kinds = np.unique(level)
-    if len(kinds) == 1:
-        return names[int(kinds[0])]
-    counts = [f"{names[int(a)]} in {int(np.sum(level == a))}" for a in kinds]
-    return f"{', '.join(counts)} of {len(level)} histories"
+def _level_words(s: Schedule, k: int, level: Any) -> str:
+    """What a plan does at one event: what it mostly does, and after which responses something else."""
+    names = [a.name for a in s.mode(k).actions]
+    kinds, counts = np.unique(level, return_counts=True)
+    usual = kinds[np.argmax(counts)]
+    words = [names[int(usual)]]
+    for a in kinds[kinds != usual]:
+        after = np.flatnonzero(level == a)
+        if len(after) > MOST_NAMED:
+            words.append(f"{names[int(a)]} after {len(after)} of {len(level)} histories")
+        else:
+            told = " or ".join(f"({', '.join(responses_before(s, k, int(r)))})" for r in after)
+            words.append(f"{names[int(a)]} after {told}")
+    return "; ".join(words)
 
 
 def cautious_plan(
@@ -160,7 +167,7 @@ def cautious_plan(
     if against.shape != (n,) or not np.isfinite(against).all():
         raise located("criterion, reference", against.shape, f"{n} finite numbers, one a draw")
     table = start if isinstance(start, PlanTable) else PlanTable.of(schedule, start)
-    table = table.with_plans([best_plan(schedule, risk.weight)])
+    table = table.with_plans([table.best.plan(risk.weight)])
     wanted = GAP * max(1.0, float(np.abs(table.values).max())) if tolerance is None else tolerance
     lower, upper, iterations = -np.inf, np.inf, 1
     best: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
@@ -174,7 +181,7 @@ def cautious_plan(
         if worth > lower:
             lower, best = worth, (share, values)
         q = risk.project(found.weight)
-        answer = best_plan(schedule, q)
+        answer = table.best.plan(q)
         iterations += 1
         known = len(table.plans)
         table = table.with_plans([answer])
@@ -191,13 +198,3 @@ def cautious_plan(
         schedule, risk, against, tuple(table.plans[i] for i in kept), share[kept], values, lower, upper,
         bound_weight, iterations, table, wanted,
     )  # fmt: skip
-
-
-def same_plan(a: Decisions, b: Decisions) -> bool:
-    """Whether two plans are the same."""
-    return plan_key(a) == plan_key(b)
-
-
-def with_weight(schedule: Schedule, weight: Array) -> Schedule:
-    """The schedule with other weights of its draws."""
-    return replace(schedule, draws=replace(schedule.draws, weight=weight))

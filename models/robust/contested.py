@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from scipy.optimize import brentq
+
 from models.planning.exact import solve_schedule
-from models.planning.schedule import Schedule
+from models.planning.schedule import Array, Schedule
 from models.reward import Reward, default_x
 
-STEPS = 40
-"""Halvings: the flip point is known to 1e-12 of the largest multiple."""
+PRECISION = 1e-12
+"""Of the flip point, as a share of the multiples that it is looked for between."""
 
 LARGEST = 1024.0
 """Multiple of the costs beyond which no flip is looked for."""
@@ -82,19 +85,24 @@ def _flip(schedule: Schedule, m: int) -> Flip:
     base = dict(zip(schedule.protocol.action_names, schedule.costs.tolist(), strict=True))
     own = {a.name: base[a.name] for a in mode.actions}
 
-    def first(multiple: float) -> int:
-        plan = solve_schedule(with_costs(schedule, {a: multiple * c for a, c in own.items()}))
-        return int(plan.decisions[0][0])
+    def advantage(multiple: float) -> Array:
+        """Worth of each first action over the best other one."""
+        values = solve_schedule(with_costs(schedule, {a: multiple * c for a, c in own.items()})).first_values
+        if len(values) == 1:
+            return np.ones(1)
+        best = np.argsort(values, kind="stable")[::-1]
+        others = np.full(len(values), values[best[0]])
+        others[best[0]] = values[best[1]]
+        return np.asarray(values - others)
 
+    free = int(np.argmax(advantage(0.0)))
     low, high = 0.0, 1.0
-    free = first(low)
-    while high <= LARGEST and first(high) == free:
+    while high <= LARGEST and advantage(high)[free] > 0:
         low, high = high, 2 * high
     if high > LARGEST:
         return Flip(mode.name, None, own, mode.actions[free].name)
-    for _ in range(STEPS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if first(middle) == free else (low, middle)
-        if high - low <= 1e-9 * high:
-            break
-    return Flip(mode.name, low, {a: low * c for a, c in own.items()}, mode.actions[free].name)
+    if advantage(low)[free] <= 0:
+        return Flip(mode.name, low, {a: low * c for a, c in own.items()}, mode.actions[free].name)
+    # Worth is piecewise linear in the costs, so a secant is exact near the root.
+    multiple = brentq(lambda m: advantage(m)[free], low, high, xtol=PRECISION * high)
+    return Flip(mode.name, multiple, {a: multiple * c for a, c in own.items()}, mode.actions[free].name)

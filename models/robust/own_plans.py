@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -84,7 +84,9 @@ def own_plans(schedule: Schedule, executor: Executor | None = None) -> OwnPlans:
         If there are too many histories to visit.
     """
     tree = schedule_tree(unweighted(schedule))
-    parts = spread_out(executor, _solve, [_piece(tree, span) for span in chunks(schedule.draws.n_draws, CHUNK)])
+    initial = schedule.draws.initial
+    pieces = [tree.some(span, initial[span]) for span in chunks(schedule.draws.n_draws, CHUNK)]
+    parts = spread_out(executor, _solve, pieces)
     first = np.concatenate([p[0] for p in parts], axis=1).T
     rows = np.concatenate([p[1] for p in parts], axis=1).T
     distinct, which = np.unique(rows, axis=0, return_inverse=True)
@@ -95,19 +97,6 @@ def own_plans(schedule: Schedule, executor: Executor | None = None) -> OwnPlans:
     edges = np.cumsum(parts[0][2])[:-1]
     plans = tuple(tuple(np.ascontiguousarray(v) for v in np.split(distinct[i], edges)) for i in order)
     return OwnPlans(schedule, first.max(axis=1), np.ascontiguousarray(first), plans, place[which.ravel()])
-
-
-def _piece(tree: ScheduleTree, span: slice) -> ScheduleTree:
-    """The tree with some of its draws only, started from them without weights."""
-    t = tree.tables
-    start = tree.schedule.draws.initial[span].T
-    own = t._replace(
-        start=np.ascontiguousarray(start),
-        transition=np.ascontiguousarray(t.transition[..., span]),
-        emission=np.ascontiguousarray(t.emission[..., span]),
-        reward=np.ascontiguousarray(t.reward[:, span]),
-    )
-    return replace(tree, tables=own, leaf_vectors=np.ascontiguousarray(tree.leaf_vectors[:, span]))
 
 
 def _solve(tree: ScheduleTree) -> tuple[Array, NDArray[np.int8], list[int]]:

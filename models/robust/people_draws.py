@@ -19,8 +19,11 @@ from models.population import offsets
 from models.posterior import SPREAD, Posterior
 from models.robust.plan_table import PlanEvaluator
 
+KINDS = 7
+"""Kinds of people that the distribution of their offsets is replaced by, unless another number is asked for."""
 
-def people_draws(posterior: Posterior, kinds: int = 7) -> ModelDraws:
+
+def people_draws(posterior: Posterior, kinds: int = KINDS, *, thin: int | None = None) -> ModelDraws:
     """Draws of persons: each draw of a hierarchical posterior once for every kind of person.
 
     Parameters
@@ -29,6 +32,8 @@ def people_draws(posterior: Posterior, kinds: int = 7) -> ModelDraws:
         Of the hierarchical version.
     kinds : int
         Kinds of people that the distribution of offsets is replaced by (`models.population.offsets`).
+    thin : int, optional
+        So many evenly spaced draws of the posterior; all by default.
 
     Returns
     -------
@@ -45,6 +50,9 @@ def people_draws(posterior: Posterior, kinds: int = 7) -> ModelDraws:
     z, weight = offsets(kinds)
     median = posterior.draws(person=0.0)
     spread = posterior.table(SPREAD)
+    if thin is not None and thin < median.n_draws:
+        keep = np.floor((np.arange(thin) + 0.5) * median.n_draws / thin).astype(int)
+        median, spread = median.thin(thin), spread[keep]
     tilt = np.exp(spread[:, None, None] * z[:, None] * np.asarray(posterior.protocol.scores))  # [d, kind, o]
     emission = median.emission[:, None] * tilt[:, :, None, None, :]
     emission /= emission.sum(axis=-1, keepdims=True)
@@ -94,7 +102,7 @@ class Personal:
         )
 
 
-def personal_plan(posterior: Posterior, schedule: str, discount: float = 1.0, *, kinds: int = 7) -> Personal:
+def personal_plan(posterior: Posterior, schedule: str, discount: float = 1.0, *, kinds: int = KINDS) -> Personal:
     """The Bayes-adaptive plan that also learns which kind of person it faces, and what that is worth.
 
     Parameters

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from models.errors import located
-from models.planning.exact import Decisions, ExactPlan, solve_schedule
+from models.planning.exact import Decisions, ExactPlan, walked
 from models.planning.schedule import Array, Schedule
-from models.planning.schedule_tree import tree_tables
+from models.planning.schedule_tree import schedule_tree, tree_tables
 from models.robust.plan_kernel import plan_values
 
 
@@ -21,23 +21,29 @@ def unweighted(schedule: Schedule) -> Schedule:
     return replace(schedule, draws=replace(schedule.draws, weight=np.full(n, 1.0 / n)))
 
 
-def best_plan(schedule: Schedule, weight: Array) -> Decisions:
-    """The best plan for other weights of the draws: one Bayes tree over the draws that have weight.
+class BestPlans:
+    """Best plans of a schedule for any weights of its draws: Bayes trees of one layout.
 
     Parameters
     ----------
     schedule : Schedule
-    weight : float64[d]
-        Non-negative; need not sum to one.
+        Weights of its draws do not matter here.
+
+    Raises
+    ------
+    InputError
+        If there are too many histories to visit.
     """
-    keep = np.flatnonzero(weight > 0)
-    d = schedule.draws
-    if len(keep) < d.n_draws:
-        d = replace(d, initial=d.initial[keep], transition=d.transition[keep], emission=d.emission[keep],
-                    weight=weight[keep] / weight[keep].sum())  # fmt: skip
-    else:
-        d = replace(d, weight=weight / weight.sum())
-    return solve_schedule(replace(schedule, draws=d)).decisions
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.schedule = schedule
+        self._tree = schedule_tree(unweighted(schedule))
+
+    def plan(self, weight: Array) -> Decisions:
+        """The best plan for weights ``[d]``; non-negative, and they need not sum to one."""
+        keep = np.flatnonzero(weight > 0)
+        start = weight[keep, None] * self.schedule.draws.initial[keep]
+        return walked(self._tree.some(keep, start)).decisions
 
 
 class PlanEvaluator:
@@ -114,13 +120,18 @@ class PlanTable:
             return self
         rows = [self.evaluator.values(p) for p in new.values()]
         out = replace(self, plans=(*self.plans, *new.values()), values=np.vstack([self.values, *rows]))
-        out.__dict__["evaluator"] = self.evaluator
+        out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("evaluator", "best")})
         return out
 
     @cached_property
     def evaluator(self) -> PlanEvaluator:
         """What evaluates further plans."""
         return PlanEvaluator(self.schedule)
+
+    @cached_property
+    def best(self) -> BestPlans:
+        """What finds best plans for other weights."""
+        return BestPlans(self.schedule)
 
     def row(self, plan: Decisions) -> int:
         """Number of a plan in the table, -1 if it is not there."""

@@ -101,8 +101,8 @@ def cvar(outcomes: Array, weight: Array, alpha: float) -> float:
 
     Examples
     --------
-    >>> cvar(np.array([1.0, 2.0, 3.0, 4.0]), np.full(4, 0.25), 0.375)
-    1.3333333333333333
+    >>> cvar(np.array([1.0, 2.0, 3.0, 4.0]), np.full(4, 0.25), 0.5)
+    1.5
     """
     return RiskSet(weight, alpha).lowest(outcomes)[0]
 

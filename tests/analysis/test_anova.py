@@ -43,7 +43,7 @@ def test_type_matters_for_time_only_and_only_where_groups_differ_in_size(shared)
     assert two["time"] == pytest.approx(73.11683135497, rel=1e-11)
     assert three["time"] == pytest.approx(67.19, abs=5e-3)
     assert two.drop("time").to_numpy() == pytest.approx(three.drop("time").to_numpy(), rel=1e-12)
-    assert "Type II)" in mixed_anova(data, 2).notes[0]
+    assert "Type II)" in mixed_anova(data, 2).notes[1]
 
 
 def test_sums_of_squares_agree_with_aov(shared):
@@ -220,7 +220,8 @@ def test_other_types_and_levels_are_refused(ss_type, level, message):
 def test_a_binary_outcome_gets_the_logistic_model(shared):
     data = oracle_data(shared, "mixed5x2", "help")
     assert "0 or 1" in mixed_anova(data).notes[-1]
-    twin = logistic_twin(data)
+    twin = logistic_twin(data, 2)
+    assert (twin.ss_type, twin.title) == (2, "Logistic mixed model, likelihood-ratio tests (Type II)")
     assert twin.table["effect"].tolist() == ["policy", "time", "policy:time"]
     assert twin.table["df"].tolist() == [4, 1, 4]
     # R puts the sd of this outcome at zero too, where the model is a plain logistic regression: deviances by hand.
@@ -240,6 +241,51 @@ def test_a_binary_outcome_gets_the_logistic_model(shared):
     assert both["policy"] + both["policy:time"] == pytest.approx(deviance(by_time) - deviance(saturated), rel=1e-6)
 
 
+PATTERNS = {"a": (9, 4, 2, 10), "b": (5, 6, 1, 17), "c": (9, 3, 5, 8)}
+"""People by group who respond 00, 01, 10, 11 at two times."""
+
+LME4 = {
+    3: {"policy": 4.864750859, "time": 1.359581229, "policy:time": 3.756586561},
+    2: {"policy": 4.668100979, "time": 1.201967410, "policy:time": 3.756586561},
+}
+"""Likelihood ratios of PATTERNS by R 4.2.2, lme4 1.1.31: glmer, nAGQ = 25, bobyqa with rhoend 1e-10, contr.sum.
+
+Type III leaves the columns of one effect out of `model.matrix(~ g * t)`, Type II the effect out of `~ g + t`."""
+
+
+def binary_study(patterns=PATTERNS):
+    rows = []
+    for group, counts in patterns.items():
+        for pattern, count in zip(((0, 0), (0, 1), (1, 0), (1, 1)), counts, strict=True):
+            for i in range(count):
+                name = f"{group}{pattern}{i}"
+                rows += [{"id": name, "policy": group, "time": t, "score": y} for t, y in enumerate(pattern)]
+    return pd.DataFrame(rows)
+
+
+@pytest.mark.parametrize("ss_type", [2, 3])
+def test_logistic_tests_of_both_types_are_those_of_lme4(ss_type):
+    twin = logistic_twin(measures(binary_study()), ss_type)
+    found = twin.table.set_index("effect")["chi_squared"].to_dict()
+    assert found == pytest.approx(LME4[ss_type], abs=2e-6)
+    assert twin.sd == pytest.approx(2.5418227, abs=2e-5)
+    assert twin.ss_type == ss_type
+
+
+def test_type_three_is_the_default_and_knows_no_order_of_groups():
+    turned = {group: PATTERNS[group] for group in ("c", "a", "b")}
+    one, other = (logistic_twin(measures(binary_study(p))) for p in (PATTERNS, turned))
+    assert one.ss_type == 3
+    np.testing.assert_allclose(one.table["chi_squared"], other.table["chi_squared"], atol=1e-6)
+    assert one.table["full"].tolist()[:2] == ["policy + time + policy:time"] * 2
+    assert one.table["restricted"].tolist() == ["time + policy:time", "policy + policy:time", "policy + time"]
+
+
+def test_other_types_of_logistic_tests_are_refused():
+    with pytest.raises(InputError, match="type of the tests: found 1, wanted 2 or 3"):
+        logistic_twin(measures(binary_study()), 1)
+
+
 def test_an_outcome_with_other_values_has_no_logistic_model():
     with pytest.raises(InputError, match="wanted 0 or 1"):
         logistic_twin(measures(study()))
@@ -250,5 +296,15 @@ def test_a_separated_cell_is_said():
     rng = np.random.default_rng(3)
     values = np.where(frame["policy"] == "g1", 1.0, rng.integers(0, 2, len(frame)).astype(float))
     twin = logistic_twin(measures(frame.assign(score=values)))
-    assert twin.notes
-    assert isinstance(twin.table, pd.DataFrame)
+    assert "Only one value of score in policy g1 at time 0 (all 12 are 1); policy g1 at time 1" in twin.notes[0]
+    assert "x1" not in " ".join(twin.notes)
+    assert twin.table["p"].isna().all()
+
+
+def test_a_flat_cell_leaves_type_two_its_main_effects():
+    frame = binary_study({"a": (9, 4, 2, 10), "b": (0, 0, 12, 13)})  # all of b respond at time 0
+    three, two = (logistic_twin(measures(frame), t) for t in (3, 2))
+    assert three.table["p"].isna().all()
+    assert two.table["p"].notna().tolist() == [True, True, False]
+    assert "policy b at time 0 (all 25 are 1)" in three.notes[0]
+    assert "Type II do without the model of all effects" in three.notes[-1]

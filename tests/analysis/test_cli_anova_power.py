@@ -1,6 +1,7 @@
 """The commands ``anova`` and ``power``: their JSON, words, figures and refusals."""
 
 import json
+import shlex
 import xml.etree.ElementTree as ET
 from functools import partial
 
@@ -10,6 +11,7 @@ import pytest
 from analysis import power_contraction
 from analysis.anova import mixed_anova
 from analysis.cli import main
+from analysis.evidence import read_evidence
 from analysis.figures.comparisons import cell_means, compared_groups
 from analysis.figures.power import power_by_people, printed_beside_formulas
 from analysis.figures.style import to_svg
@@ -85,6 +87,33 @@ def test_anova_of_a_binary_outcome(tmp_path, capsys):
     content = result_of(capsys, "anova", path, *COLUMNS)
     assert [row["effect"] for row in content["logistic"]["table"]] == ["policy", "time", "policy:time"]
     assert content["dunnett"] == []
+    assert content["logistic"]["type"] == 3
+    two = result_of(capsys, "anova", path, *COLUMNS, "--type", "2")["logistic"]
+    assert two["type"] == 2
+    assert [kind["table"][0]["full"] for kind in (two, content["logistic"])] == [
+        "policy + time", "policy + time + policy:time",
+    ]  # fmt: skip
+    assert run("anova", path, *COLUMNS, "--type", "2") == 0
+    assert "Logistic mixed model, likelihood-ratio tests (Type II):" in capsys.readouterr().out
+
+
+def test_words_for_times_are_said_and_can_be_put_in_order(table, tmp_path, capsys):
+    path = tmp_path / "words.csv"
+    frame = pd.read_csv(table)
+    words = frame.assign(when=frame["time"].map({0: "first", 1: "middle", 2: "final"})).sort_values("when")
+    words.to_csv(path, index=False)
+    columns = ("--dv", "score", "--between", "policy", "--within", "when", "--subject", "id")
+    assert run("anova", path, *columns) == 0
+    said = capsys.readouterr().out
+    assert "Values of when are words and were taken in the order in which they first appear: final, first" in said
+    assert "Tukey, score at when middle" in said
+    heading = said.split("Means of score in each cell, 95% intervals:\n")[1].splitlines()[0]
+    assert heading.split() == ["policy", "when", "n", "mean", "sd", "low", "high"]
+    content = result_of(capsys, "anova", path, *columns, "--times", "first,middle,final")
+    assert (content["times"], content["times_by"]) == (["first", "middle", "final"], "asked")
+    assert content["compared"] == "score at when final"
+    assert content["columns"]["within"] == "when"
+    assert not [note for note in content["notes"] if "words" in note]
 
 
 def test_people_left_out_are_named(table, tmp_path, capsys):
@@ -197,6 +226,24 @@ def test_mixed_model_json_and_figure(tmp_path, capsys):
     ET.fromstring(figure.read_text())
 
 
+def test_simulated_power_can_be_stored_as_evidence(tmp_path, capsys):
+    out = tmp_path / "power.json"
+    arguments = (
+        "power", "mixed-model", "--test", "robot_help", "--odds-ratio", "signal=2", "--odds-ratio", "robot_help=3",
+        "--people", "40", "--studies", 3, "--seed", 2,
+    )  # fmt: skip
+    content = result_of(capsys, *arguments, "--out", out)
+    found = read_evidence("power", tmp_path)
+    assert not found.stale
+    assert found.content["curve"] == content["curve"]
+    assert found.content["modules"] == ["models.glmm_optimise"]
+    # The command that is stored makes the same numbers.
+    again = result_of(capsys, *shlex.split(found.content["command"])[1:])
+    assert again["curve"] == content["curve"]
+    assert run(*arguments, "--json", out, "--out", out) == 2
+    assert "--out: found" in capsys.readouterr().err
+
+
 def test_mixed_model_under_a_design_of_ones_own(tmp_path, capsys):
     path = tmp_path / "design.csv"
     path.write_text("who,dose\na,0\na,1\nb,0\nb,2\n")
@@ -213,8 +260,10 @@ def test_contraction_json(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(power_contraction, "ContractionPower", few_draws)
     content = result_of(
         capsys, "power", "contraction", "--schedules", "HRH", "--schedules", "published", "--people", "20,60",
-        "--studies", 2, "--table", "help", "--figure", tmp_path / "c.svg",
+        "--studies", 2, "--table", "help", "--figure", tmp_path / "c.svg", "--out", tmp_path / "c.json",
     )  # fmt: skip
+    assert read_evidence("c", tmp_path).content["reached"] == content["reached"]
+    assert "--schedules HRH --schedules published" in read_evidence("c", tmp_path).content["command"]
     assert content["assumptions"]["designs"]["HRH"] == ["HRH"]
     assert content["assumptions"]["table"] == "moves: help"
     assert {(row["design"], row["n"]) for row in content["curve"]} == {
@@ -268,6 +317,6 @@ def test_cells_and_comparisons_are_drawn_where_the_tables_say():
 
 def test_the_legend_says_who_reaches_what():
     labels = [text.get_text() for text in PLOTS["power"]().get_legend().get_texts()]
-    assert labels == ["b: not by 1,600", "printed: 200", "a: 700"]
+    assert labels == ["a: 700", "b: not by 1,600", "printed: 200"]
     ax = PLOTS["power"]()
     assert ax.get_ylim()[0] < -0.1

@@ -8,9 +8,11 @@ import pytest
 
 from analysis.cli import main
 from analysis.datasets import load
+from analysis.mixed_model_groups import influence_of
 from analysis.mixed_model_table import typed_table
 from analysis.regression import regress
 from models.glmm import LogisticMixedModel
+from models.glmm_influence import influence, without_group
 from models.glmm_marginal import marginal_contrast
 
 FIELDS = {
@@ -257,3 +259,57 @@ def test_a_study_may_have_a_formula_of_ones_own(capsys):
 def test_one_condition_has_nothing_to_compare(capsys):
     assert run("simulated_study1", "--condition", "help+signal") == 2
     assert "factors that vary: found none (signal, robot_help)" in capsys.readouterr().err
+
+
+# -- groups --------------------------------------------------------------------------------------------
+def test_groups_are_written_with_intervals_and_influence(files, tmp_path, capsys):
+    out = tmp_path / "groups.csv"
+    arguments = (files / "good.csv", "--formula", "y ~ x + b + (1|g)", "--groups", out)
+    assert run(*arguments, "--json", "-") == 0
+    content = json.loads(capsys.readouterr().out)
+    written = pd.read_csv(out, index_col="g")
+    fit = LogisticMixedModel.from_formula("y ~ x + b + (1|g)", table()).fit(warn=False)
+    effects, moved = fit.random_effects, influence(fit)
+    pd.testing.assert_frame_equal(written[effects.columns], effects, rtol=1e-6)
+    pd.testing.assert_series_equal(written["cook"].sort_index(), moved["cook"].sort_index(), rtol=1e-6)
+    found = content["influence"]
+    assert (found["group"], found["others"], content["groups_file"]) == (moved.index[0], 0, str(out))
+    assert found["change"] == pytest.approx(moved.iloc[0][f"d {found['parameter']}"], rel=1e-6)
+    assert abs(found["change"]) == pytest.approx(moved.iloc[0].filter(like="d ").abs().max(), rel=1e-6)
+    # In earnest: the change that is told is about what leaving the group out does.
+    names = list(fit.params.index)
+    at = names.index(found["parameter"])
+    refitted = (without_group(fit, found["group"])[at] - fit.params.iloc[at]) / fit.bse.iloc[at]
+    assert refitted == pytest.approx(found["change"], abs=0.25)
+    assert run(*arguments) == 0
+    assert f"the fit hangs most on g {found['group']}:" in capsys.readouterr().out
+
+
+def test_groups_with_equal_rows_are_counted_together():
+    rows = pd.DataFrame({"y": [0, 1, 1, 1, 0, 1, 0, 0, 1, 1, 0, 1], "g": np.repeat(range(4), 3)})
+    fit = LogisticMixedModel.from_formula("y ~ 1 + (1|g)", rows).fit(warn=False)
+    found = influence_of(fit)
+    cook = influence(fit)["cook"]
+    assert found["others"] == int((cook > cook.max() * (1 - 1e-9)).sum()) - 1
+    assert f"{found['others']} other" in found["text"] or found["others"] == 0
+
+
+def test_a_fit_without_a_maximum_has_groups_without_influence(files, tmp_path, capsys):
+    assert run(files / "good.csv", "--formula", "y ~ x + (1|g)", "--groups", files / "good.csv") == 2
+    assert "--groups: found" in capsys.readouterr().err
+    out = tmp_path / "separated.csv"
+    assert run(files / "separated.csv", "--formula", "y ~ b + (1|g)", "--groups", out, "--json", "-") == 0
+    assert "mode" in pd.read_csv(out).columns
+    assert "SeparationWarning" in capsys.readouterr().err
+
+
+def test_columns_with_any_name(files, tmp_path, capsys):
+    path = tmp_path / "odd.csv"
+    table().rename(columns={"x": "dose (mg)", "g": "clinic.id"}).to_csv(path, index=False)
+    assert run(path, "--formula", "y ~ `dose (mg)` + arm + (1|`clinic.id`)", "--json", "-") == 0
+    content = json.loads(capsys.readouterr().out)
+    assert "Q('dose (mg)')" in content["params"]
+    assert "sd(clinic.id)" in content["params"]
+    assert {"dose (mg)", "arm=low", "arm=middle"} <= set(content["marginal"])
+    assert run(path, "--formula", "y ~ arm + (1|clinic.id)") == 2
+    assert "in backticks, (1|`clinic.id`)" in capsys.readouterr().err

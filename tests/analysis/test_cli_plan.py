@@ -98,6 +98,26 @@ def test_mode_process(model, capsys):
     assert found["discount"] == 0.8
 
 
+def test_a_policy_that_would_be_simulated_too_long_is_left_out(model, capsys):
+    found = result_of(capsys, "plan", model, "--infinite", "--discount", ".999", "--precision", ".1")
+    assert found["policies"]["myopic"] == {"value": None, "low": None, "high": None}
+    assert found["policies"]["never"]["value"] < found["upper"]
+    assert run("plan", model, "--infinite", "--discount", ".999", "--precision", ".1") == 0
+    assert "myopic would have to be simulated, which takes too long" in capsys.readouterr().out
+    assert run("plan", model, "--infinite", "--seed", "3") == 0
+    assert "myopic is simulated (seed 3)" in capsys.readouterr().out
+
+
+def test_a_long_schedule_is_announced(model, capsys, monkeypatch):
+    monkeypatch.setattr("analysis.cli_plan.MANY_RESPONSES", 3)
+    assert run("plan", model, "--schedule", "HRH", "--json", "-") == 0
+    shown = capsys.readouterr()
+    assert "following 4 sequences of responses takes a while" in shown.err
+    assert json.loads(shown.out)["schedule"] == "HRH"
+    assert run("plan", model, "--schedule", "HRH", "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_plan_can_be_run_from_its_file(model, tmp_path, capsys):
     out = tmp_path / "plan.json"
     found = result_of(capsys, "plan", model, "--schedule", "HRH", "--policy", out)
@@ -123,9 +143,12 @@ def test_plan_can_be_run_from_its_file(model, tmp_path, capsys):
         (("--cost", "dance=3"), "cost of dance: found action dance, wanted one of no_help, help"),
         (("--cost", "help"), "--cost: found 'help', wanted ACTION=X"),
         (("--cost", "help=a"), "--cost: found 'help=a'"),
-        (("--cost", "help=1", "--cost", "help=2"), "wanted help once"),
+        (("--cost", "help=1", "--cost", "help=2"), "wanted the cost of help once"),
+        (("--cost", "help=1", "--cost-help", "2"), "wanted the cost of help once"),
+        (("--schedule", ""), "schedule: found '', wanted letters from"),
         (("--cost-help", "inf"), "cost of help: found inf"),
-        (("--r", "nan"), "reward, r: found nan"),
+        (("--r", "nan"), "--r: found nan"),
+        (("--r", "50"), "--r: found 50.0, wanted a steepness at which exp(r x) is a finite number"),
     ],
 )
 def test_refusals(model, capsys, options, words):
@@ -142,3 +165,13 @@ def test_files_that_are_not_models(tmp_path, model, capsys):
     assert "wanted another file" in capsys.readouterr().err
     assert run("plan", model, "--policy", tmp_path) == 2
     assert "found a folder" in capsys.readouterr().err
+
+
+def test_another_first_round_than_the_studys_is_said(model, capsys):
+    """The two commands side by side plan for different first rounds unless one says otherwise."""
+    hint = "HRHRHRHRH, planned for without --infinite, starts with robot_needs_help (--start-mode H)"
+    for options, said in (((), True), (("--start-mode", "H"), False), (("--start-mode", "R"), False)):
+        assert run("plan", model, "--infinite", "--discount", "0.5", *options) == 0
+        assert (hint in capsys.readouterr().out) == said
+    assert run("plan", model, "--infinite", "--discount", "0.5", "--mode-process", "bernoulli:0.3") == 0
+    assert hint not in capsys.readouterr().out

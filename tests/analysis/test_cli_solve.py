@@ -11,7 +11,7 @@ from analysis.cli import build
 from models.errors import InputError
 from models.planning.formats import write_problem
 from models.planning.policy_files import read_policy
-from models.planning.problems import problem
+from models.planning.problems import PROBLEMS, problem
 
 RUN = CliRunner()
 
@@ -62,7 +62,9 @@ def test_a_time_limit_gives_the_best_so_far():
     ("words", "message"),
     [
         (["nothing.pomdp"], "nothing.pomdp"),
-        (["tigre"], "tigre"),
+        (["tigre"], "'tigre', wanted a file that ends in .pomdp, .pomdpx"),
+        (["tigre"], "or one of crying_baby, rock_sample_4_4"),
+        (["model.json"], "a model file is for the command plan"),
         (["tiger", "--precision", "-1"], "precision"),
         (["tiger", "--time-limit", "0"], "time limit"),
     ],
@@ -104,4 +106,9 @@ def test_many_models_are_judged_by_the_targets():
     rows = list(bench.many_models("sticky", bench.sticky_models(3)))
     assert rows[0].ours == 3
     assert rows[0].met
-    assert [row.unit for row in rows[1:]] == ["ms CPU", "ms wall", "s wall"]
+    assert [row.unit for row in rows[1:]] == ["ms CPU", "ms CPU", "s wall"]
+
+
+def test_help_names_every_standard_problem():
+    words = RUN.invoke(build(), ["solve", "--help"]).output.replace(".", " ").replace(",", " ").split()
+    assert set(PROBLEMS) <= set(words)

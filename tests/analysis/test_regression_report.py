@@ -105,10 +105,11 @@ def test_the_section_has_its_parts(quick):
     assert made.omitted is None
     assert [t.key for t in made.tables] == [
         "regression-odds", "regression-models", "regression-tests", "regression-sources", "regression-readings",
-        "regression-states-table-signal-2",
+        "regression-coverage-table", "regression-states-table-signal-2",
     ]  # fmt: skip
     assert [f.key for f in made.figures] == [
-        "regression-forest", "regression-rates", "regression-residuals", "regression-states-signal-2",
+        "regression-forest", "regression-rates", "regression-residuals", "regression-coverage",
+        "regression-ceiling", "regression-states-signal-2",
     ]  # fmt: skip
     told = " ".join(made.sentences)
     for text in (

@@ -42,7 +42,10 @@ def test_matrix_and_labels(tmp_path):
     assert data.group.tolist() == [0, 0, 1, 1]
     assert data.balanced
     assert not data.binary
-    assert data.notes == ()
+    assert data.notes == (
+        "Values of time are words and were taken in the order in which they first appear: start, final. Where that "
+        "is not their order in time, name them in order (times=..., --times at the command line).",
+    )
 
 
 def test_numbers_are_ordered_by_value_and_words_by_appearance():
@@ -52,6 +55,11 @@ def test_numbers_are_ordered_by_value_and_words_by_appearance():
     assert measures(words).times == tuple(dict.fromkeys(words["time"]))
     ordered = words.assign(time=pd.Categorical(words["time"], ["early", "mid", "late", "never"]))
     assert measures(ordered).times == ("early", "mid", "late")
+    asked = measures(words, times=["early", "mid", "late"])
+    assert asked.times == ("early", "mid", "late")
+    assert [measures(f).times_by for f in (frame, words, ordered)] == ["value", "appearance", "category"]
+    assert asked.times_by == "asked"
+    assert [len(m.notes) for m in (measures(frame), measures(words), measures(ordered), asked)] == [0, 1, 0, 0]
 
 
 def test_chosen_times_are_used_in_the_order_asked_for():
@@ -82,7 +90,7 @@ def test_people_with_a_missing_time_are_left_out_and_named(tmp_path):
     data = from_text(tmp_path, rows)
     assert data.left_out == ("5", "6")
     assert data.people == ("1", "2", "3", "4")
-    assert data.notes == ("Left out: 2 people without a value at some time (5, 6).",)
+    assert data.notes[0] == "Left out: 2 people without a value at some time (5, 6)."
     with pytest.raises(InputError, match=r"t\.csv, id 5: found no score at time final, .*\(2 people lack one\)"):
         from_text(tmp_path, rows, missing="refuse")
     for spelling in ("NA", "nan", " "):

@@ -26,8 +26,8 @@ from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, log_o
 DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
-    "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "reward",
-    "evidence", "limits",
+    "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
+    "power", "reward", "plan", "evidence", "limits",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -110,7 +110,7 @@ def test_page_is_self_contained(which, request):
     assert not [tag for tag, _ in parsed.tags if tag in ("script", "img", "link", "iframe", "object", "image")]
     assert not re.search(r"url\((?!#)|@import", text)
     assert "default-src 'none'" in text
-    assert len(text.encode()) < 5_000_000
+    assert len(text.encode()) < 4_000_000
 
 
 @pytest.mark.parametrize("which", ["bundled", "general"])
@@ -121,7 +121,9 @@ def test_page_is_accessible(which, request):
     assert parsed.headings[0] == 1
     assert parsed.headings.count(1) == 1
     assert all(b - a <= 1 for a, b in zip(parsed.headings, parsed.headings[1:], strict=False))
-    drawings = [attrs for tag, attrs in parsed.tags if tag == "svg"]
+    elements = [attrs for tag, attrs in parsed.tags if tag == "svg"]
+    drawings = [attrs for attrs in elements if attrs.get("aria-hidden") != "true"]
+    assert len(drawings) == len(elements) - 1, "one element is not seen, the letters that all drawings share"
     assert drawings
     assert all(a["role"] == "img" and len(a["aria-label"]) > 20 for a in drawings)
 
@@ -142,7 +144,10 @@ def test_printed_numbers_stand_apart(bundled, page):
     cells = re.findall(r"<t[dh]([^>]*)>([^<]*)</t[dh]>", page)
     assert [attrs for attrs, text in cells if text == "−560.23"] == [' class="number printed"']
     columns = [t for s in bundled.sections for t in s.tables if t.printed]
-    assert {t.key for t in columns} == {"conditions", "criteria", "reward-values", "regression-sources"}
+    assert {t.key for t in columns} == {
+        "conditions", "criteria", "reward-values", "regression-sources", "anova-printed", "anova-printed-tukey",
+        "power-sizes",
+    }  # fmt: skip
     assert all(Origin.PRINTED in t.origin for t in columns)
 
 
@@ -206,7 +211,7 @@ def test_reports_of_real_effort_have_every_section_too(tmp_path, monkeypatch):
     )
     assert [s.key for s in quick.sections if s.omitted] == ["people", "held-out"]
     full = general_report(tmp_path / "full")
-    assert {s.key for s in full.sections if s.omitted} == {"reward", "evidence", "regression"}
+    assert {s.key for s in full.sections if s.omitted} == {"reward", "plan", "evidence", "regression", "power"}
     assert WATERMARK not in full.html.read_text(encoding="utf-8")
     assert full.study.bootstraps[full.study.best_by_bic].replicates == 200
 
@@ -216,7 +221,13 @@ def test_general_protocol(general):
     text = general.html.read_text(encoding="utf-8")
     assert "mean response score" in text
     assert "help rate" not in text
-    assert {s.key: s.omitted for s in general.sections if s.omitted}.keys() == {"reward", "evidence", "regression"}
+    assert {s.key: s.omitted for s in general.sections if s.omitted}.keys() == {
+        "reward",
+        "plan",
+        "evidence",
+        "regression",
+        "power",
+    }
     assert "This section is left out." in text
     assert "protocol &#39;corridor&#39; has others" in text
     assert "with one state there is nothing to move between" in text

@@ -10,6 +10,7 @@ from scipy.stats import chi2, kstest, norm
 
 from models.errors import InputError
 from models.glmm import LogisticMixedModel
+from models.glmm_climb import climb
 from models.glmm_data import Likelihood
 from models.glmm_influence import influence, without_group
 from models.glmm_marginal import (
@@ -18,7 +19,7 @@ from models.glmm_marginal import (
     mean_probability,
     probability_and_slopes,
 )
-from models.glmm_optimise import climb, maximise
+from models.glmm_optimise import maximise
 from models.glmm_posterior import intercepts
 from models.glmm_residuals import residual_check
 from models.glmm_simulation import patterns_of, simulate_successes

@@ -12,9 +12,9 @@ from statsmodels.base.model import LikelihoodModelResults, ResultMixin
 
 from models.errors import InputError
 from models.glmm import LogisticMixedModel
+from models.glmm_climb import climb
 from models.glmm_comparison import aic_table
 from models.glmm_data import Likelihood, Rule
-from models.glmm_optimise import climb
 
 FORMULA = "help ~ signal + age + (1|person)"
 

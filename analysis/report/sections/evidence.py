@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from analysis.evidence import Evidence, read_evidence
+from analysis.evidence import Evidence
 from analysis.figures.rank_ecdf import rank_ecdf
 from analysis.figures.recovery import recovery_coverage, recovery_errors, states_found
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Drawing, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.report.section import Block, Drawing, Figure, NotSupported, Origin, Part, Table, Text
+from analysis.report.stored import stored
 from analysis.wording import counted
 from models.gate import MIN_ESS
 
@@ -34,25 +34,14 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     )
     return (
         Text(intro, "warning"),
-        Part("Is the doubt what it claims to be?", "calibration", _stored("calibration", _calibration)),
+        Part("Is the doubt what it claims to be?", "calibration", stored("calibration", _calibration)),
         Part(
             "Is it where people differ?",
             "calibration-people",
-            _stored("calibration_people", _calibration, "calibration where people differ"),
+            stored("calibration_people", _calibration, "calibration where people differ"),
         ),
-        Part("Is a known truth found again?", "recovery", _stored("recovery", _recovery)),
+        Part("Is a known truth found again?", "recovery", stored("recovery", _recovery)),
     )
-
-
-def _stored(name: str, show: Callable[[Evidence], tuple[Block, ...]], what: str | None = None) -> tuple[Block, ...]:
-    def blocks() -> tuple[Block, ...]:
-        found = read_evidence(name)
-        if found is None:
-            raise NotSupported("no evidence is stored; 'make evidence' makes it")
-        made = Text(found.provenance, "warning" if found.stale else "note")
-        return (Text(found.sentence), made, *show(found))
-
-    return attempt(f"evidence of {what or name}", blocks)
 
 
 # -- calibration -----------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from analysis.regression_sources import (
 from analysis.regression_words import cautions, interaction_sentence, main_sentence, odds_sentence, rules_sentence
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.report.sections.regression_coverage import coverage
 from analysis.report.sections.regression_states import by_state
 from models.errors import InputError
 from models.glmm import DEFAULT_NODES
@@ -65,6 +66,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     blocks += _sources(context, regression, laplace)
     blocks += _data(context, regression)
     blocks += _readings(context, regression)
+    blocks += attempt("Coverage of the intervals", partial(coverage, context))
     blocks += attempt("The effect of an action by state", partial(by_state, context, regression))
     blocks.append(Points(cautions(regression), "What not to conclude"))
     return tuple(blocks)

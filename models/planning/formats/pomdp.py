@@ -8,6 +8,7 @@ counts. Index orders: ``T : action : start : end``, ``O : action : end : observa
 
 from __future__ import annotations
 
+import codecs
 import io
 from pathlib import Path
 
@@ -27,7 +28,7 @@ _WANTED = "discount, values, states, actions, observations, start, T, O or R, fo
 
 
 def read_pomdp(path: str | Path) -> Problem:
-    """Read a `.pomdp` file (or ``.pomdp.gz``).
+    """Read a `.pomdp` file (or ``.pomdp.gz``): UTF-8, or UTF-16 with a byte-order mark; comments hold any bytes.
 
     Rows of probabilities within 1e-5 of one are normalised; rewards are averaged over end states and observations;
     costs become negative rewards, and `Problem.costs` remembers it.
@@ -37,8 +38,15 @@ def read_pomdp(path: str | Path) -> Problem:
     InputError
         With file, line, what was found and what was wanted.
     """
-    with opened(path) as stream, io.TextIOWrapper(stream, "utf-8", "surrogateescape", newline=None) as lines:
+    with opened(path) as stream, io.TextIOWrapper(stream, *_encoding(stream), newline=None) as lines:
         return PomdpReader(Words(lines, str(path)), problem_name(path)).read()
+
+
+def _encoding(stream: io.BufferedReader) -> tuple[str, str]:
+    """Encoding of a file, and what to do about bytes that are none of it; editors on Windows write marks."""
+    if stream.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16", "replace"
+    return "utf-8-sig", "surrogateescape"
 
 
 class PomdpReader:

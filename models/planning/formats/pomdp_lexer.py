@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import InputError, Phrase, located
+from models.planning.formats.words import counted
 
 KEYWORDS = frozenset(["discount", "values", "states", "actions", "observations", "start", "T", "O", "R"])
 """Words that begin a statement."""
@@ -171,7 +172,7 @@ class Words:
             else:
                 found.append(self.number(wanted))
         if len(found) != count:
-            raise self.error(Phrase(f"{len(found)} numbers"), f"{count}: {what}")
+            raise self.error(Phrase(counted(len(found), "number")), f"{count}: {what}")
         return np.array(found)
 
 

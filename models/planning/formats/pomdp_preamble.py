@@ -92,8 +92,9 @@ class Preamble:
                     raise words.error(words.take(""), f"a statement: {kind} are given by their number, {count}")
                 found = [str(i) for i in range(count)]
                 break
-            if name in (":", "*", "+", "-") or name[0].isdigit() or not name.isprintable():
-                raise words.error(name, f"a name of one of the {kind}, which does not begin with a digit")
+            if not (name[0].isalpha() or name[0] == "_") or not name.isprintable():
+                counted = "" if found else f", or their number, from 1 to {MOST_NAMES}"
+                raise words.error(name, f"a name of one of the {kind}, which begins with a letter{counted}")
             found.append(name)
         if not found:
             raise words.error(Phrase("nothing"), f"the number or the names of the {kind}")
@@ -139,8 +140,12 @@ class Preamble:
         ):
             self.start = np.zeros(n)
             self.start[self.take("states", wildcard=False)] = 1.0
-        else:
+        elif word[0] in "+-." or word[0].isdigit():
             self.start = self._vector(n)
+        else:
+            words.take("")
+            some = ", ".join(self.names["states"][:8]) + (", ..." if n > 8 else "")
+            raise words.error(word, f"uniform, a probability for each state, or one of the states: {some}")
 
     def _alone(self) -> bool:
         """Whether the next word is the last of its statement."""

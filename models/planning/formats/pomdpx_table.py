@@ -17,6 +17,7 @@ import numpy as np
 from models.errors import Phrase
 from models.planning.formats.pomdp_lexer import count_of, number_in
 from models.planning.formats.pomdpx_xml import Node
+from models.planning.formats.words import counted
 from models.planning.formats.written_table import FILE_TOLERANCE, MOST_ENTRIES, Array, Index, WrittenTable
 
 OPEN, CYCLE = -1, -2
@@ -178,7 +179,8 @@ class _Writer:
             values.append(value)
         wanted = math.prod(sizes)
         if len(values) != wanted:
-            raise node.error(Phrase(f"{len(values)} numbers"), f"{wanted}, one for each combination of the '-'")
+            found = Phrase(counted(len(values), "number"))
+            raise node.error(found, f"{wanted}, one for each combination of the '-'")
         return np.array(values).reshape(sizes)
 
     def write(self, spots: list[int], values: Array, line: int, node: Node) -> None:

@@ -57,6 +57,17 @@ def legal_names(names: Sequence[str], letter: str, reserved: Sequence[str] = ())
     return out
 
 
+def counted(count: int, word: str) -> str:
+    """A number of things in words.
+
+    Examples
+    --------
+    >>> counted(1, "number"), counted(3, "number")
+    ('1 number', '3 numbers')
+    """
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
 def usual(values: NDArray[np.float64]) -> float:
     """The value most entries have, 0 if none has more than half of them."""
     found, counts = np.unique(values, return_counts=True)

@@ -63,6 +63,8 @@ class WrittenReward:
         for a in range(self.n_actions) if action == ANY else (action,):
             if start == ANY:
                 known = self.open_start.setdefault(a, [])
+                if statement.everywhere:
+                    self.of_start.pop(a, None)
             else:
                 known = self.of_start.setdefault(a, {}).setdefault(start, [])
             if statement.everywhere:

@@ -16,6 +16,10 @@ if it is level with the robot; it stays with .2, and wherever a wall stops it. W
 stands still. Observations, after each step: ``yes`` if both are in one cell, ``no`` otherwise. Both cells are
 uniform at first, and the robot sees its own before acting.
 
+The file ``tag-avoid.pomdp`` in circulation is not quite this problem, so its values are a little different: its
+opponent runs otherwise in four of the 870 states (robot and opponent at 19, 19; 25, 23; 27, 24; 27, 27), and moving
+goes on costing 1 after the opponent is tagged.
+
 References
 ----------
 Pineau, J., Gordon, G., & Thrun, S. (2003). Point-based value iteration: an anytime algorithm for POMDPs. IJCAI,

@@ -31,7 +31,7 @@ def test_every_draw_is_certified(batch, solved):
     assert (solved.relative_gap <= 1e-3).all()
     assert (solved.lower <= solved.upper).all()
     assert (solved.draw_seconds > 0).all()
-    assert solved.sentence.startswith("30 of 30 draws solved to a relative gap of 0.001 (largest 0.000")
+    assert solved.sentence.startswith("30 of 30 draws solved to a relative gap of 0.001 (largest 0.00")
 
 
 def test_threads_change_nothing(batch, solved):

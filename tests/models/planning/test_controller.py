@@ -61,16 +61,6 @@ def test_value_by_linear_solve_is_that_of_sweeps(kind):
     assert sum(found.by_start.values()) == pytest.approx(found.value)
 
 
-def test_large_systems_are_iterated_on(monkeypatch):
-    import models.planning.finite_memory as module
-
-    direct = infinite_value(policy("controller"), problem())
-    monkeypatch.setattr(module, "MOST_DIRECT", 0)
-    iterated = infinite_value(policy("controller"), problem())
-    assert iterated.value == pytest.approx(direct.value, rel=1e-10)
-    assert abs(iterated.value - direct.value) <= iterated.error + direct.error + 1e-12
-
-
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
 def test_controller_keeps_what_its_vectors_promise(seed):

@@ -251,7 +251,9 @@ def test_too_many_histories(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"runs": 1}, "simulation, runs: found 1"),
+        ({"runs": 1}, "simulation, runs: found 1, wanted a whole number, at least 2"),
+        ({"runs": 1e4}, "simulation, runs: found 10000.0"),
+        ({"steps": 2.5}, "simulation, steps: found 2.5"),
         ({"level": 1.0}, "simulation, level"),
         ({"steps": 0}, "simulation, steps: found 0"),
     ],

@@ -61,6 +61,38 @@ WRONG_POMDP: dict[str, tuple[str | tuple[str, str], str]] = {
         ("dark light", "dark 2light"),
         "line 5: found '2light', wanted a name of one of the observations, which ",
     ),
+    "negative number of states": (
+        ("low high", "-3"),
+        "line 3: found '-3', wanted a name of one of the states, which begins with a letter, or their number",
+    ),
+    "number of states with a sign": (
+        ("low high", "+ 2"),
+        "line 3: found '+', wanted a name of one of the states, which begins with a letter, or their number",
+    ),
+    "number of actions with a point": (
+        ("wait go", "2.0"),
+        "line 4: found '2.0', wanted a name of one of the actions, which begins with a letter, or their number",
+    ),
+    "name begins with a sign": (
+        ("dark light", "dark -light"),
+        "line 5: found '-light', wanted a name of one of the observations, which begins with a letter",
+    ),
+    "name begins with a bracket": (
+        ("wait go", "(wait) go"),
+        "line 4: found '(wait)', wanted a name of one of the actions, which begins with a letter",
+    ),
+    "same action twice": (
+        ("wait go", "wait go wait"),
+        "line 4: found 'wait', wanted different names of actions",
+    ),
+    "same observation twice": (
+        ("dark light", "dark dark"),
+        "line 5: found 'dark', wanted different names of observations",
+    ),
+    "start is no state": (
+        ("start: 0.5 0.5", "start: mid"),
+        "line 6: found 'mid', wanted uniform, a probability for each state, or one of the states: low, high",
+    ),
     "number and names": (
         ("low high", "2 low high"),
         "line 3: found 'low', wanted a statement: states are given by their numbe",
@@ -187,7 +219,7 @@ WRONG_POMDP: dict[str, tuple[str | tuple[str, str], str]] = {
     ),
     "reward row too short": (
         ("R: go : * : high : * 5", "R: go : * : high 5"),
-        "line 12: found 1 numbers, wanted 2: a reward for each observation",
+        "line 12: found 1 number, wanted 2: a reward for each observation",
     ),
     "ends in the middle": (
         ("R: * : low : * : light -1\n", "R: * : low :"),

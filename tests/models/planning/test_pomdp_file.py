@@ -282,3 +282,33 @@ def test_numbers_in_files_in_circulation(shared):
     assert set(grid.choices[0][0].reward) == {-0.04, 1.0, -1.0}
     ejs = read_problem(folder / "ejs1.pomdp")
     np.testing.assert_allclose(ejs.choices[0][0].reward[0], 0.81 + 0.18 * 0.5 + 0.01 * 0.25, atol=1e-14)
+
+
+# -- what editors write --------------------------------------------------------------------------------
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("suffix", [".pomdp", ".pomdp.gz"])
+def test_byte_order_marks(encoding, suffix, tmp_path):
+    text = (HEAD + EVEN + "# ümläut\n").replace("\n", "\r\n")
+    mark = "\ufeff" if encoding.endswith(("le", "be")) else ""
+    content = (mark + text).encode(encoding)
+    (tmp_path / f"a{suffix}").write_bytes(gzip.compress(content) if suffix.endswith("gz") else content)
+    found = read_problem(tmp_path / f"a{suffix}")
+    assert found.states == (("low", "high"),)
+    assert found.discount == 0.9
+
+
+def test_half_a_character_at_the_end_is_an_error_of_the_file(tmp_path):
+    (tmp_path / "a.pomdp").write_bytes((HEAD + EVEN).encode("utf-16") + b"R")
+    with pytest.raises(InputError, match=r"a\.pomdp, line 8: found "):
+        read_problem(tmp_path / "a.pomdp")
+
+
+def test_names_that_begin_with_an_underscore_or_any_letter():
+    text = HEAD.replace("low high", "_low Höhe") + "T: * : _low : Höhe 1\nT: * : Höhe : _low 1\nO: * uniform\n"
+    assert read(text).states == (("_low", "Höhe"),)
+
+
+def test_the_last_word_on_all_rewards_leaves_nothing_of_earlier_ones():
+    """To the last digit: nothing is averaged where every reward is the same."""
+    text = HEAD.replace("low high", "a b c") + EVEN + "R: go : b : b : dark 10\nR: * : * : * : * -1"
+    assert tables(read(text))[2].tolist() == [[-1, -1, -1], [-1, -1, -1]]

@@ -180,7 +180,7 @@ def test_absorbing_states(discount):
 
 @pytest.mark.parametrize("n", [2, 14])
 def test_optimum_of_zero(n):
-    """The best is to do nothing: no gap is small relative to zero, and the bounds close in all the same."""
+    """The best is to do nothing."""
     rng = np.random.default_rng(n)
     t, o = rng.dirichlet(np.ones(n), size=(2, n)), rng.dirichlet(np.ones(2), size=(2, n))
     problem = textbook_problem(t, o, np.stack([np.zeros(n), -rng.random(n) - 0.1]), 0.9)
@@ -190,12 +190,12 @@ def test_optimum_of_zero(n):
 
 
 def test_limits_hold_where_no_relative_gap_is_small():
-    """Relative to an optimum of zero no gap is small, and trials go deep: portions must stay short."""
+    """Next to an optimum of zero trials go deep: portions must stay short."""
     n, rng = 20, np.random.default_rng(0)
     t, o = rng.dirichlet(np.ones(n), size=(2, n)), rng.dirichlet(np.ones(2), size=(2, n))
     problem = textbook_problem(t, o, np.stack([np.zeros(n), -rng.random(n) - 0.1]), 0.9)
     solution = bounded(solve(problem, 1e-3, time_limit=0.5))
-    assert solution.gap < 1e-9
+    assert solution.gap <= 1e-9 * problem.span
     assert solution.seconds < 5
 
 

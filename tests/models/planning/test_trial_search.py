@@ -5,7 +5,8 @@ import pytest
 
 from models.planning.arrays import arrays_of
 from models.planning.belief_tree import empty_tree, grown_tree, look_down, node_of
-from models.planning.sarsop_trial import add_point, tidy_points, tidy_vectors
+from models.planning.node_backups import add_point
+from models.planning.tree_tidying import tidy_points, tidy_vectors
 from models.planning.trial_search import TrialSearch
 from models.planning.vectors import best_vector
 from tests.planning_cases import CASES, dense_problem, modal_problem, padded, sparse_problem, start_arrays
@@ -77,7 +78,7 @@ def test_tidying_and_growing_change_no_bound():
     problem = modal_problem(3, (4, 1, 3, 2))
     trials, _, _ = search(problem, 1e-7, steps=4)
     before = trials.lower, trials.upper
-    tidy_points(trials.tree)
+    tidy_points(trials.tree, trials.problem)
     tidy_vectors(trials.tree, trials.problem, trials.vectors)
     trials.tree = grown_tree(trials.tree, trials.problem, 2 * len(trials.tree.mode))
     assert (trials.lower, trials.upper) == before

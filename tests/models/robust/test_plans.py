@@ -15,7 +15,7 @@ from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
-from models.robust.plan_table import PlanEvaluator, PlanTable, best_plan
+from models.robust.plan_table import BestPlans, PlanEvaluator, PlanTable
 from models.robust.stability import decision_stability
 from tests.models.planning.policy_conformance import conforms
 from tests.models.planning.schedule_cases import schedules
@@ -87,7 +87,7 @@ def test_best_plan_for_other_weights(schedule, seed):
     if weight.sum() == 0:
         weight[0] = 1.0
     _, values = all_plans(schedule)
-    found = values_of(schedule, best_plan(schedule, weight)) @ weight
+    found = values_of(schedule, BestPlans(schedule).plan(weight)) @ weight
     assert found == pytest.approx((values @ weight).max(), **CLOSE)
 
 

@@ -1,0 +1,201 @@
+"""Section: what the robot should do given everything that is believed, and what would be worth learning."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pandas as pd
+
+from analysis.figures.information import information_by_block, information_by_people
+from analysis.figures.robust import caution, plan_comparison, stability_tree, value_distributions
+from analysis.figures.style import spoken
+from analysis.next_studies import Asked, published_studies
+from analysis.policy_study import STUDY2
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.report.stored import stored
+from analysis.robust_study import RobustStudy, robust_study
+from analysis.wording import counted
+from models.planning.schedule import Schedule
+from models.unseen import evidence_of_actions, unseen_actions, without_actions
+
+ALPHA = 0.1
+"""Share of the draws that the cautious plans look at."""
+
+SIZES = (50, 100, 200, 400)
+NEXT = "HRHRH"
+"""Schedule of the further studies that are valued: one of the published ones, both modes in turn."""
+
+QUICK_DRAWS, QUICK_REPLICATES = 200, 20
+
+PLANS = ("Bayes-adaptive", "cautious", "plug-in estimate", "never", "always")
+"""Plans whose values are drawn over the draws."""
+
+
+def make(context: ReportContext) -> tuple[Block, ...]:
+    """One part for each number of states that is shown in full."""
+    if not context.is_published_protocol:
+        raise NotSupported(
+            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `robust` "
+            "takes models with a reward of their own"
+        )
+    intro = (
+        f"The section before takes one table as true. Here every table that the data leave possible has its say: "
+        f"each draw of the posterior is planned for, over the {len(STUDY2)} rounds {STUDY2} (H: the human may "
+        "help), exactly. Values are in reward units a person."
+    )
+    shown = sorted((k for k in context.shown_states), reverse=True)
+    parts = []
+    for k in shown:
+        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
+        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
+        blocks = attempt("plans under doubt", partial(_model, context, k))
+        parts.append(Part(title, f"robust-{k}", blocks, folded=k != shown[0]))
+    trial = Part("Do such plans do better in truth?", "robust-truth", stored("plans_in_truth", _in_truth), True)
+    return (Text(intro), *parts, trial)
+
+
+def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
+    if k == 1:
+        raise NotSupported("with one state nothing the robot does changes anybody, so it does best to do nothing")
+    posterior, quick = context.posterior(k), context.effort.quick
+    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
+    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
+    if null:
+        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
+    draws = without_actions(posterior.draws(), unseen)
+    if quick:
+        draws = draws.thin(QUICK_DRAWS)
+    schedule = Schedule.of(draws, STUDY2)
+    studies = published_studies(draws.protocol, NEXT)
+    estimate = context.study.fits[k].model if not unseen else None
+    tell, label = context.progress, counted(k, "state")
+    study = robust_study(
+        schedule, criterion="cvar", alpha=ALPHA, plug_in=estimate, asked=[Asked(s, SIZES) for s in studies],
+        with_frontier=True, chains=None if quick else context.effort.chains,
+        replicates=QUICK_REPLICATES if quick else 100, seed=context.seed,
+        progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
+    )  # fmt: skip
+    blocks: list[Block] = []
+    if not posterior.gate.passed:
+        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    if unseen:
+        names = " and ".join(spoken(a) for a in unseen)
+        blocks.append(
+            Text(f"Left out: {names}. The data hold no evidence on it; a plan would rest on the prior.", "warning")
+        )
+    blocks.append(Text(study.sentence[0].upper() + study.sentence[1:]))
+    blocks += _sure(context, study, k)
+    blocks += _prices(context, study, k)
+    blocks += _caution(context, study, k)
+    blocks += _information(context, study, k)
+    if quick:
+        blocks.append(
+            Text(f"Quick: {draws.n_draws} draws and {QUICK_REPLICATES} simulated data sets a study.", "note")
+        )
+    return tuple(blocks)
+
+
+def _sure(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
+    named = {"optimum of each draw": study.own.values}
+    have = {p.name for p in study.prices.prices}
+    named |= {n: study.prices[n].values for n in PLANS if n in have}
+    weight = study.schedule.draws.weight
+    told = "; ".join(f"{n} {weight @ v:.4g}" for n, v in named.items())
+    curves = Figure(
+        f"robust-values-{k}", (partial(value_distributions, named, weight),),
+        "What plans are worth over the draws of the posterior: each curve says in which share of the draws the "
+        "plan is worth at most so much. Between the first curve and the others lies what doubt costs.",
+        (f"Mean values: {told}.",), (context.origin,),
+    )  # fmt: skip
+    tree = Figure(
+        f"robust-tree-{k}", (partial(stability_tree, study.stability),),
+        "Every decision of the Bayes-adaptive plan, and how many draws agree with it, each acting on its own "
+        "belief about the person after that history. Time runs to the right, help upwards; lines are as wide as "
+        "histories are probable; bold frames act.",
+        (study.stability.sentence,), (context.origin,),
+    )  # fmt: skip
+    return Text(study.stability.sentence), tree, curves
+
+
+def _prices(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
+    frame = study.prices.table
+    shown = {
+        "name": "plan", "mean": "mean", "held_out_mean": "mean, held out", "cvar": f"worst {ALPHA:.0%}",
+        "worst": "worst draw", "mean_regret": "mean regret", "max_regret": "largest regret",
+        "gain_mean": "gain over never", "gain_q05": "from", "gain_q95": "to", "gain_probability": "P(gain > 0)",
+    }  # fmt: skip
+    formats = {c: ",.1f" for c in shown if c not in ("name", "gain_probability")} | {"gain_probability": ".2f"}
+    about = "; ".join(f"{p.name}: {p.about}" for p in study.prices.prices)
+    table = Table(
+        f"robust-plans-{k}", pd.DataFrame(frame[list(shown)]),
+        "Plans under doubt. Held out: chosen on one half of the draws and scored on the other, so that a plan does "
+        "not profit from the draws it was chosen with. Gain: over never helping in the same draw, with the range "
+        f"of the middle 90% of the draws. {about[0].upper()}{about[1:]}.",
+        (context.origin,), headings=shown, formats=formats,
+    )  # fmt: skip
+    best = study.prices["Bayes-adaptive"]
+    figure = Figure(
+        f"robust-comparison-{k}", (partial(plan_comparison, study.prices),),
+        f"The same: mean over the draws, mean on held-out draws, mean of the worst {ALPHA:.0%}, worst draw.",
+        (f"Bayes-adaptive: mean {best.mean:.4g}, worst {ALPHA:.0%} {best.cvar:.4g}. See the table.",),
+        (context.origin,),
+    )  # fmt: skip
+    listening = (
+        f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
+        f"which draw it faces {study.learning:.3g} over the best plan made for one model."
+    )
+    return Text(study.prices.sentence), Text(listening), figure, table
+
+
+def _caution(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
+    words = [f"At {name}: {found.sentence}" for name, found in study.frontiers.items()]
+    gap = max((p.gap for f in study.frontiers.values() for p in f.plans), default=0.0)
+    words += [spoken(flip.sentence) for flip in study.flips]
+    figure = Figure(
+        f"robust-caution-{k}", (partial(caution, study.frontiers),),
+        "What the best cautious plans gain over the Bayes-adaptive plan in the worst share of the draws, and what "
+        "they give up on average. Contested costs: those at which the first decision of each mode flips. Every "
+        f"point is certified, largest gap {gap:.1g}.",
+        (" ".join(words),), (context.origin,),
+    )  # fmt: skip
+    return Points(tuple(words), "Caution"), figure
+
+
+def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
+    rows = [s for sample in study.samples for s in sample.sentences]
+    bars = Figure(
+        f"robust-blocks-{k}", (partial(information_by_block, study.partial),),
+        "What it would be worth to know one block of the tables for sure, by a rule fitted on some draws and "
+        "scored on the others, with standard errors; and all of them together.",
+        (study.partial.sentence,), (context.origin,),
+    )  # fmt: skip
+    curves = Figure(
+        f"robust-studies-{k}", (partial(information_by_people, study.samples),),
+        f"What further people would be worth, by condition, over {NEXT}: expected gain over today's plan, from "
+        "simulated data sets. The line above is what perfect knowledge would be worth.",
+        (" ".join(rows),), (context.origin,),
+    )  # fmt: skip
+    return (
+        Text(study.perfect.sentence),
+        Text(study.partial.sentence),
+        bars,
+        Points(tuple(rows), "Further studies"),
+        curves,
+    )
+
+
+def _in_truth(found):  # type: ignore[no-untyped-def]
+    from analysis.report.section import Origin
+
+    shown = {
+        "setting": "setting", "plan": "plan", "mean": "mean", "tail": "worst share", "mean_regret": "mean regret",
+        "tail_regret": "worst regret", "gain": "gain over plug-in", "gain_low": "from", "gain_high": "to",
+    }  # fmt: skip
+    frame = pd.DataFrame(found.content["table"])[list(shown)]
+    formats = {c: ",.2f" for c in shown if c not in ("setting", "plan")}
+    caption = (
+        "Plans learned from simulated studies, valued in the truths behind them. Gain: paired with the plan of the "
+        "Baum-Welch estimate, 95% interval. Worst share: mean over the worst truths, those of the level above."
+    )
+    return (Table("robust-truth-table", frame, caption, (Origin.SIMULATED,), headings=shown, formats=formats),)

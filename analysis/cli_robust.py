@@ -107,7 +107,8 @@ def robust_command(
     with progress.shown(quiet) as watch:
         study = robust_study(
             known, criterion=criterion, alpha=alpha, mean_share=mean_share, plug_in=estimate, asked=asked,
-            with_frontier=frontier, chains=source.chains, kinds=source.kinds, served=served,
+            with_frontier=frontier, chains=source.chains, kinds=source.kinds,
+            sampled=source.fit is not None, served=served,
             cost=participant_cost, seed=seed, progress=watch,
         )  # fmt: skip
     seconds = clock.wall()
@@ -134,9 +135,9 @@ def _lines(study: RobustStudy) -> list[str]:
         f"{kind}."
     )
     if not chosen.deterministic:
-        single = chosen.best_single()[1]
+        single = chosen.best_single()[1] * (-1 if study.criterion.startswith("regret") else 1)
         shares = ", ".join(f"{100 * s:.0f}%" for s in sorted(chosen.share, reverse=True))
-        out.append(f"Shares of the plans: {shares}. The best of those that does not draw lots: {abs(single):.6g}.")
+        out.append(f"Shares of the plans: {shares}. Of all plans looked at, the best single one: {single:.6g}.")
     columns = ["name", "mean", "cvar", "worst", "max_regret", "gain_mean", "gain_probability", "held_out_mean"]
     named = {
         "name": "plan", "cvar": f"worst {study.alpha:.0%}", "max_regret": "max regret", "gain_mean": "gain",
@@ -148,10 +149,13 @@ def _lines(study: RobustStudy) -> list[str]:
     out += [study.stability.sentence, study.perfect.sentence, study.partial.sentence]
     out.append(
         f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
-        f"which draw it faces {study.learning:.3g} over the best plan for one model."
+        f"which draw it faces at most {study.learning:.3g}, over the best plan found for one model."
     )
     if study.personal is not None:
-        out.append(study.personal.sentence)
+        out.append(
+            f"{study.personal.sentence} A plan is worth the mean over the people in a draw: what is doubtful is "
+            "the draw, not who comes next."
+        )
     out += [line for s in study.samples for line in s.sentences]
     out += [f"At {name}: {found.sentence}" for name, found in study.frontiers.items()]
     out += [flip.sentence for flip in study.flips]

@@ -214,7 +214,7 @@ def _pool(solution: BatchSolution, watch: Any) -> ControllerPool:
 
 
 def _spread(values: Any, solution: BatchSolution) -> dict[str, float]:
-    from models.robust.controller_pool import weighted_quantiles
+    from models.robust.risk import weighted_quantiles
 
     w = solution.batch.draws.weight
     low, mid, high = weighted_quantiles(values, w, (0.05, 0.5, 0.95))

@@ -11,15 +11,16 @@ import numpy as np
 from models.errors import located
 from models.planning.exact import ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
-from models.robust.candidates import Candidate, Chosen, standard_candidates
+from models.robust.candidates import Candidate, cautious_choice, standard_candidates
 from models.robust.cautious import CautiousPlan, cautious_plan
-from models.robust.contested import Flip, contested
+from models.robust.contested import Flip, contested, flip_points
 from models.robust.frontier import LEVELS, Frontier, frontier
-from models.robust.information import PerfectInformation, perfect_information
+from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
 from models.robust.own_plans import OwnPlans, own_plans
 from models.robust.partial_information import PartialInformation, partial_information
 from models.robust.people_draws import Personal, personalised
 from models.robust.pricing import PriceList, price
+from models.robust.risk import weighted_quantiles
 from models.robust.sample_information import sample_information
 from models.robust.stability import Stability, decision_stability
 from models.robust.study_worth import SampleInformation
@@ -59,8 +60,9 @@ class RobustStudy:
     samples : tuple of SampleInformation
         Of the studies that were asked for, those of the same sizes together.
     frontiers : dict of str to Frontier
-        At the costs given and, where it was asked for, where the first decisions flip.
+        At the costs given and, where it was asked for, where the first decisions of all modes flip together.
     flips : tuple of Flip
+        Where the first decision of each mode flips, the other costs as they are.
     personal : Personal or None
         Where people differ: what learning whom the robot faces is worth.
     """
@@ -88,12 +90,16 @@ class RobustStudy:
     @property
     def adaptivity(self) -> float:
         """What listening is worth: the Bayes-adaptive plan less the best fixed sequence of actions."""
-        return max(0.0, self.plan.value - self.prices["fixed sequence"].mean)
+        return self._more_than("fixed sequence")
 
     @property
     def learning(self) -> float:
-        """What learning which draw it faces is worth: the Bayes-adaptive plan less the best plan for one model."""
-        return max(0.0, self.plan.value - self.prices["best fixed model"].mean)
+        """What learning which draw it faces is worth at most: the best plan less the best found for one model."""
+        return self._more_than("best fixed model")
+
+    def _more_than(self, name: str) -> float:
+        gain = self.plan.value - self.prices[name].mean
+        return float(beyond_rounding(np.array(gain), max(1.0, abs(self.plan.value))))
 
     @property
     def criterion_words(self) -> str:
@@ -111,9 +117,8 @@ class RobustStudy:
         """The answer in one sentence: how sure the first decision is, what doubt costs, what would reduce it."""
         first = self.stability.standings[0]
         text = (
-            f"{first.action} first is right in {first.share[first.action]:.0%} of the draws, and being wrong costs "
-            f"{first.loss[first.action]:.2g} on average; all doubt together costs {self.perfect.value:.3g} of "
-            f"{self.plan.value:.4g} reward units a person"
+            f"{first.words[:-1]}; all doubt together costs {self.perfect.value:.3g} of {self.plan.value:.4g} "
+            "reward units a person"
         )
         enough = [row for s in self.samples for row in s.rows if row.enough and not row.silent]
         if not enough:
@@ -134,6 +139,7 @@ def robust_study(
     with_frontier: bool = False,
     chains: int | None = None,
     kinds: int = 1,
+    sampled: bool = True,
     replicates: int = REPLICATES,
     served: float | None = None,
     cost: float = 0.0,
@@ -158,6 +164,8 @@ def robust_study(
         Also the frontier, here and at costs where the first decisions flip.
     chains, kinds : int
         Chains that the draws come from; kinds of people in each draw (`models.robust.people_draws`).
+    sampled : bool
+        False if the draws are a list of weighted models, and no sample of what is believed.
     replicates : int
         Simulated data sets a study.
     served : float, optional
@@ -171,26 +179,34 @@ def robust_study(
     Raises
     ------
     InputError
-        On an unknown criterion, or alpha outside (0, 1].
+        On an unknown criterion, alpha outside (0, 1], or a cost of participants without the people served.
     """
     if criterion not in CRITERIA:
         raise located("criterion", criterion, f"one of {', '.join(CRITERIA)}")
     if not (np.isfinite(alpha) and 0 < alpha <= 1):
         raise located("alpha", alpha, "a share above 0 and up to 1")
+    if cost and served is None:
+        raise located("people served", None, "a number: what participants cost is set against what people gain")
 
     def told(step: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(step, done, total)
 
     own = own_plans(schedule)
     plan = solve_schedule(schedule)
-    reference = own.values if criterion.startswith("regret") else None
+    perfect = perfect_information(schedule, kinds=kinds, chains=chains, sampled=sampled)
+    reference = perfect.optima if criterion.startswith("regret") else None
     level = {"bayes": 1.0, "cvar": alpha, "regret": 0.0, "regret-cvar": alpha}[criterion]
     share = mean_share if criterion == "cvar" else 0.0
-    chosen = cautious_plan(schedule, level, mean_share=share, reference=reference, start=[plan.decisions])
-    more = () if criterion != "regret-cvar" else (_regret_tail(alpha),)
-    candidates = standard_candidates(schedule, alpha=alpha, mean_share=mean_share, plug_in=plug_in, more=more)
-    prices = price(schedule, candidates, alpha=alpha, seed=seed, own=own, progress=told("plans"))
-    perfect = perfect_information(schedule, kinds=kinds, chains=chains)
+    chosen = cautious_plan(
+        schedule, level, mean_share=share, reference=reference, kinds=kinds, start=[plan.decisions]
+    )
+    more = () if criterion != "regret-cvar" else (_regret_tail(alpha, kinds),)
+    candidates = standard_candidates(
+        schedule, alpha=alpha, mean_share=mean_share, kinds=kinds, plug_in=plug_in, more=more
+    )
+    prices = price(
+        schedule, candidates, alpha=alpha, kinds=kinds, chains=chains, optima=perfect.optima, progress=told("plans")
+    )
     partial = partial_information(schedule, kinds=kinds, chains=chains, perfect=perfect, progress=told("blocks"))
     alike: dict[tuple[int, ...], list[NextStudy]] = {}
     for one in asked:
@@ -205,39 +221,35 @@ def robust_study(
     frontiers: dict[str, Frontier] = {}
     flips: tuple[Flip, ...] = ()
     if with_frontier:
-        frontiers["these costs"] = frontier(schedule, LEVELS, progress=told("frontier"))
-        flipped, flips = contested(schedule)
-        if any(f.multiple is not None for f in flips):
-            frontiers["contested costs"] = frontier(flipped, LEVELS, progress=told("contested frontier"))
+        frontiers["these costs"] = frontier(schedule, LEVELS, kinds=kinds, progress=told("frontier"))
+        flips = flip_points(schedule)
+        flipped, together = contested(schedule)
+        costs = {a: c for f in together if f.multiple is not None for a, c in f.costs.items() if c}
+        if costs:
+            name = f"contested costs ({', '.join(f'{a} {c:.3g}' for a, c in costs.items())})"
+            frontiers[name] = frontier(flipped, LEVELS, kinds=kinds, progress=told("contested frontier"))
     return RobustStudy(
-        schedule, criterion, alpha, plan, chosen, own, prices, decision_stability(schedule, plan), perfect, partial,
-        samples, frontiers, flips, personalised(schedule, kinds) if kinds > 1 else None,
+        schedule, criterion, alpha, plan, chosen, own, prices, decision_stability(schedule, plan, kinds=kinds),
+        perfect, partial, samples, frontiers, flips, personalised(schedule, kinds) if kinds > 1 else None,
     )  # fmt: skip
 
 
-def _regret_tail(alpha: float) -> Candidate:
-    def choose(schedule: Schedule) -> Chosen:
-        found = cautious_plan(schedule, alpha, reference=own_plans(schedule).values)
-        return Chosen(found.plans, tuple(found.share.tolist()))
-
-    return Candidate("small regret", f"smallest mean regret of the worst {alpha:.0%} of the draws", choose)
+def _regret_tail(alpha: float, kinds: int) -> Candidate:
+    about = f"smallest mean regret of the worst {alpha:.0%} of the draws"
+    return Candidate("small regret", about, cautious_choice(alpha, regret=True, kinds=kinds))
 
 
 def robust_fields(study: RobustStudy) -> dict[str, Any]:
     """Fields of the command's JSON."""
-    weight = study.schedule.draws.weight
-    order = np.argsort(study.own.values, kind="stable")
-    total = np.cumsum(weight[order])
-    quantile = {
-        f"q{p:02.0f}": float(study.own.values[order][min(int(np.searchsorted(total, p / 100)), len(order) - 1)])
-        for p in (5, 50, 95)
-    }
+    weight, optima = study.perfect.groups.weight, study.perfect.optima
+    quantiles = dict(zip(("q05", "q50", "q95"), weighted_quantiles(optima, weight, (0.05, 0.5, 0.95)), strict=True))
+    first = study.stability.standings[0]
     return {
         "criterion": study.criterion, "alpha": study.alpha, "value": study.value, "gap": study.chosen.gap,
         "certified": study.chosen.certified, "bayes_value": study.plan.value,
-        "first_action": study.plan.first_action, "first_action_shares": study.own.first_action_shares,
-        "first_action_losses": study.own.first_action_losses,
-        "optimal_values": {"mean": study.own.mean, **quantile},
+        "first_action": study.plan.first_action, "first_action_shares": first.share,
+        "first_action_losses": first.loss,
+        "optimal_values": {"mean": float(weight @ optima), **quantiles},
         "plans": {p.name: p.to_dict() for p in study.prices.prices},
         "evpi": study.perfect.value,
         "evppi": {
@@ -245,7 +257,8 @@ def robust_fields(study: RobustStudy) -> dict[str, Any]:
         },
         "evsi": [
             {
-                "study": r.study, "participants": r.people, "worth": r.worth, "se": r.se, "pathwise": r.pathwise,
+                "study": r.study, "participants": r.people, "worth": r.worth, "se": r.se,
+                "held_out": r.held_out, "held_out_se": r.held_out_se, "pathwise": r.pathwise,
                 "pathwise_se": r.pathwise_se, "perfect": r.perfect, "effective_draws": r.effective, "net": r.net,
                 "enough": r.enough,
             }

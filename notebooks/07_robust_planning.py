@@ -49,7 +49,7 @@ from models.planning.mode_process import alternating
 from models.planning.schedule import Schedule
 from models.robust.candidates import standard_candidates
 from models.robust.cautious import cautious_plan
-from models.robust.contested import contested
+from models.robust.contested import contested, flip_points
 from models.robust.frontier import frontier
 from models.robust.information import perfect_information
 from models.robust.own_plans import own_plans
@@ -65,6 +65,7 @@ posterior = stored_fit(data.log, log_digest(data.log), 4, sampler=sampler).poste
 print(posterior.gate.sentence)
 draws = posterior.draws().thin(200) if FAST else posterior.draws()
 study = Schedule.of(draws, STUDY2)
+chains = posterior.gate.chains
 
 # %% [markdown]
 # ## Every draw has its own best plan
@@ -103,7 +104,7 @@ show(
 
 # %%
 estimate = BaumWelch(4, restarts=30 if FAST else 200, seed=SEED).fit(data.log).model
-prices = price(study, standard_candidates(study, plug_in=estimate), own=own, seed=SEED)
+prices = price(study, standard_candidates(study, plug_in=estimate), optima=own.values, chains=chains)
 print(prices.sentence)
 show(
     plan_comparison(prices), "simulated", "Mean over the draws, on held-out draws, in the worst tenth and in the worst draw.",
@@ -133,14 +134,15 @@ show(
 # %%
 levels = (1.0, 0.5, 0.25, 0.1, 0.05, 0.01)
 flipped, flips = contested(study)
+print("contested costs:", {a: round(c, 3) for f in flips for a, c in f.costs.items() if c})
 frontiers = {"published costs": frontier(study, levels), "contested costs": frontier(flipped, levels)}
 for name, found in frontiers.items():
     print(f"{name}: {found.sentence} Largest gap {max(p.gap for p in found.plans):.1g}.")
-for flip in flips:
+for flip in flip_points(study):
     print(flip.sentence)
 show(
     caution(frontiers), "simulated",
-    "What caution gains in the tail and gives up on average. At contested costs, where the first decisions flip, there is "
+    "What caution gains in the tail and gives up on average. At contested costs, where the first decisions of both modes flip together, there is "
     "something to decide; at the published ones hardly anything.",
 )  # fmt: skip
 
@@ -158,14 +160,14 @@ careful.rows()[0]
 # If the draw were known, the robot would gain $\mathrm{EVPI} = \sum_i w_i V^*_i - \max_\pi \sum_i w_i V_i(\pi)$, exactly:
 
 # %%
-perfect = perfect_information(study, chains=posterior.settings["sampler"]["chains"] if not FAST else None)
+perfect = perfect_information(study, chains=chains)
 print(perfect.sentence)
 
 # %% [markdown]
 # Which tables does that come from? One block at a time:
 
 # %%
-blocks = partial_information(study, perfect=perfect)
+blocks = partial_information(study, chains=chains, perfect=perfect)
 print(blocks.sentence)
 show(
     information_by_block(blocks), "simulated",

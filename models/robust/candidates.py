@@ -19,6 +19,7 @@ from models.planning.exact import Decisions, solve_schedule
 from models.planning.policies import Policy
 from models.planning.schedule import Array, Schedule
 from models.robust.cautious import cautious_plan
+from models.robust.information import perfect_information
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanEvaluator, PlanTable
@@ -93,10 +94,14 @@ def _fixed_model(schedule: Schedule) -> Chosen:
     return one(table.plans[int(np.argmax(table.means))])
 
 
-def _cautious(alpha: float, mean_share: float, regret: bool) -> Callable[[Schedule], Chosen]:
+def cautious_choice(
+    alpha: float, mean_share: float = 0.0, *, regret: bool = False, kinds: int = 1
+) -> Callable[[Schedule], Chosen]:
+    """Recipe of a cautious plan, by value or by regret."""
+
     def choose(schedule: Schedule) -> Chosen:
-        reference = own_plans(schedule).values if regret else None
-        found = cautious_plan(schedule, alpha, mean_share=mean_share, reference=reference)
+        reference = perfect_information(schedule, kinds=kinds).optima if regret else None
+        found = cautious_plan(schedule, alpha, mean_share=mean_share, reference=reference, kinds=kinds)
         return Chosen(found.plans, tuple(found.share.tolist()))
 
     return choose
@@ -107,6 +112,7 @@ def standard_candidates(
     *,
     alpha: float = 0.1,
     mean_share: float = 0.0,
+    kinds: int = 1,
     plug_in: LatentStatePOMDP | None = None,
     more: Sequence[Candidate] = (),
 ) -> tuple[Candidate, ...]:
@@ -117,6 +123,8 @@ def standard_candidates(
     schedule : Schedule
     alpha, mean_share : float
         Of the cautious plan.
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`).
     plug_in : LatentStatePOMDP, optional
         The point estimate, of any number of states, with a reward of its own.
     more : sequence of Candidate
@@ -127,8 +135,9 @@ def standard_candidates(
         Candidate("Bayes-adaptive", "best mean over the draws; learns which draw it faces",
                   lambda s: one(solve_schedule(s).decisions)),
         Candidate("cautious", f"best mean of the worst {share}{mixed}",
-                  _cautious(alpha, mean_share, False)),
-        Candidate("minimax regret", "smallest largest regret over the draws", _cautious(0.0, 0.0, True)),
+                  cautious_choice(alpha, mean_share, kinds=kinds)),
+        Candidate("minimax regret", "smallest largest regret over the draws",
+                  cautious_choice(0.0, regret=True, kinds=kinds)),
     ]  # fmt: skip
     if plug_in is not None:
         plan = one(_for_model(schedule, plug_in)) if _plans_alike(schedule, plug_in) else None

@@ -17,6 +17,7 @@ import numpy as np
 from models.errors import located
 from models.planning.exact import Decisions, responses_before
 from models.planning.schedule import Array, Schedule
+from models.robust.draw_groups import DrawGroups
 from models.robust.master import mix
 from models.robust.plan_table import PlanTable
 from models.robust.risk import RiskSet
@@ -41,17 +42,20 @@ class CautiousPlan:
     Attributes
     ----------
     schedule : Schedule
+    groups : DrawGroups
+        Rows of the schedule's draws that are kinds of people within one and the same draw: what is doubtful is the
+        draw, not who comes next, so outcomes are means over kinds.
     risk : RiskSet
-    reference : float64[d]
+    reference : float64[u]
         What outcomes are counted from.
     plans : tuple of Decisions
     share : float64[p]
         How often each is drawn.
-    values : float64[d]
+    values : float64[u]
         What the mixture is worth in each draw, :math:`\sum_p \lambda_p V_i(\pi_p)`.
     lower, upper : float
         The criterion of this mixture, and a bound that no policy exceeds.
-    weight : float64[d]
+    weight : float64[u]
         Weights of the draws that the bound was found with.
     iterations : int
         Bayes trees that were solved.
@@ -62,6 +66,7 @@ class CautiousPlan:
     """
 
     schedule: Schedule
+    groups: DrawGroups
     risk: RiskSet
     reference: Array
     plans: tuple[Decisions, ...]
@@ -87,7 +92,7 @@ class CautiousPlan:
     @property
     def mean(self) -> float:
         """Mean value of the mixture by what is believed."""
-        return float(self.schedule.draws.weight @ self.values)
+        return float(self.groups.weight @ self.values)
 
     @property
     def deterministic(self) -> bool:
@@ -96,7 +101,7 @@ class CautiousPlan:
 
     def best_single(self) -> tuple[Decisions, float]:
         """The best plan among those looked at that does not randomise, and its criterion."""
-        worth = [self.risk.lowest(v - self.reference)[0] for v in self.table.values]
+        worth = [self.risk.lowest(v - self.reference)[0] for v in self.groups.mean(self.table.values)]
         best = int(np.argmax(worth))
         return self.table.plans[best], worth[best]
 
@@ -106,8 +111,7 @@ class CautiousPlan:
         out = []
         for plan, share in sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1]):
             actions = {
-                f"event {k + 1} ({s.mode(k).letter})": _level_words(s, k, level)
-                for k, level in enumerate(plan)
+                f"event {k + 1} ({s.mode(k).letter})": _level_words(s, k, level) for k, level in enumerate(plan)
             }
             out.append({"share": float(share), **actions})
         return out
@@ -135,6 +139,7 @@ def cautious_plan(
     *,
     mean_share: float = 0.0,
     reference: Array | None = None,
+    kinds: int = 1,
     start: Sequence[Decisions] | PlanTable = (),
     tolerance: float | None = None,
 ) -> CautiousPlan:
@@ -148,9 +153,11 @@ def cautious_plan(
         Share of the draws that counts; 1 is the mean, 0 the worst draw.
     mean_share : float
         `kappa`.
-    reference : float64[d], optional
-        What outcomes are counted from: the draws' optima (``own_plans(schedule).values``) for regret, what never
-        helping is worth for the gain; nothing by default.
+    reference : float64[u], optional
+        What outcomes are counted from, one a draw: the draws' optima (``perfect_information(schedule).optima``) for
+        regret, what never helping is worth for the gain; nothing by default.
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`).
     start : sequence of Decisions, or PlanTable
         Plans to begin with; those of an earlier search save most of the work.
     tolerance : float, optional
@@ -161,31 +168,33 @@ def cautious_plan(
     InputError
         On a criterion that is none, a reference that does not fit, a schedule with too many histories.
     """
-    risk = RiskSet(schedule.draws.weight, alpha, mean_share)
-    n = schedule.draws.n_draws
+    groups = DrawGroups.of(schedule.draws, kinds)
+    risk = RiskSet(groups.weight, alpha, mean_share)
+    n = len(groups)
     against = np.zeros(n) if reference is None else np.asarray(reference, dtype=np.float64)
     if against.shape != (n,) or not np.isfinite(against).all():
         raise located("criterion, reference", against.shape, f"{n} finite numbers, one a draw")
     table = start if isinstance(start, PlanTable) else PlanTable.of(schedule, start)
-    table = table.with_plans([table.best.plan(risk.weight)])
+    table = table.with_plans([table.best.plan(groups.expand(risk.weight))])
     wanted = GAP * max(1.0, float(np.abs(table.values).max())) if tolerance is None else tolerance
     lower, upper, iterations = -np.inf, np.inf, 1
     best: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
     bound_weight = risk.weight
     while True:
-        found = mix(table.values - against, risk)
+        outcomes = groups.mean(table.values)
+        found = mix(outcomes - against, risk)
         share = np.where(found.share > SMALLEST_SHARE, found.share, 0.0)
         share /= share.sum()
-        values = share @ table.values
+        values = share @ outcomes
         worth, _ = risk.lowest(values - against)
         if worth > lower:
             lower, best = worth, (share, values)
         q = risk.project(found.weight)
-        answer = table.best.plan(q)
+        answer = table.best.plan(groups.expand(q))
         iterations += 1
         known = len(table.plans)
         table = table.with_plans([answer])
-        bound = float(q @ (table.values[table.row(answer)] - against))
+        bound = float(q @ (groups.mean(table.values[table.row(answer)]) - against))
         if bound < upper:
             upper, bound_weight = bound, q
         # Rounding may put the two a hair the wrong way round.
@@ -195,6 +204,6 @@ def cautious_plan(
     share, values = best
     kept = np.flatnonzero(share > 0)
     return CautiousPlan(
-        schedule, risk, against, tuple(table.plans[i] for i in kept), share[kept], values, lower, upper,
+        schedule, groups, risk, against, tuple(table.plans[i] for i in kept), share[kept], values, lower, upper,
         bound_weight, iterations, table, wanted,
     )  # fmt: skip

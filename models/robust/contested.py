@@ -18,6 +18,9 @@ from models.reward import Reward, default_x
 PRECISION = 1e-12
 """Of the flip point, as a share of the multiples that it is looked for between."""
 
+SETTLED, ROUNDS = 1e-9, 100
+"""Costs of all modes are found together when none moves by more than this share; rounds at most."""
+
 LARGEST = 1024.0
 """Multiple of the costs beyond which no flip is looked for."""
 
@@ -68,10 +71,43 @@ def flip_points(schedule: Schedule) -> tuple[Flip, ...]:
 
 
 def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
-    """The schedule with the costs of every mode at its flip point (as they are where there is none)."""
-    flips = flip_points(schedule)
-    costs = {a: c for flip in flips if flip.multiple is not None for a, c in flip.costs.items()}
-    return with_costs(schedule, costs), flips
+    """The schedule with costs at which the first decision of every mode flips, all at once.
+
+    What a mode's action is worth depends on the costs of the others, so each flip point is looked for again with
+    the others where they flip, until none moves. A mode without a flip point keeps its costs.
+
+    Parameters
+    ----------
+    schedule : Schedule
+
+    Returns
+    -------
+    Schedule
+    tuple of Flip
+        With the costs of all modes there.
+
+    Raises
+    ------
+    ArithmeticError
+        If the flip points chase each other.
+    """
+    modes = list(dict.fromkeys(schedule.modes))
+    costs: dict[str, float] = {}
+    for _ in range(ROUNDS):
+        moved, flips = 0.0, []
+        for m in modes:
+            own = [a.name for a in schedule.protocol.modes[m].actions]
+            others = with_costs(schedule, {a: c for a, c in costs.items() if a not in own})
+            k = schedule.modes.index(m)
+            flip = _flip(replace(others, modes=schedule.modes[k:]), m)
+            flips.append(flip)
+            if flip.multiple is not None:
+                for action, cost in flip.costs.items():
+                    moved = max(moved, abs(cost - costs.get(action, np.inf)) / max(abs(cost), 1e-9))
+                    costs[action] = cost
+        if moved <= SETTLED:
+            return with_costs(schedule, costs), tuple(flips)
+    raise ArithmeticError(f"costs at which decisions flip: not settled after {ROUNDS} rounds")
 
 
 def with_costs(schedule: Schedule, costs: dict[str, float]) -> Schedule:

@@ -243,17 +243,3 @@ def _gains(candidates: Array, best: Array, weight: Array) -> Array:
     for span in chunks(len(candidates), 64):
         out[span] = np.maximum(candidates[span] - best, 0.0) @ weight
     return out
-
-
-def weighted_quantiles(values: Array, weight: Array, levels: Sequence[float]) -> list[float]:
-    """Smallest values that so much of the weight does not exceed.
-
-    Examples
-    --------
-    >>> weighted_quantiles(np.array([3.0, 1.0, 2.0]), np.array([0.5, 0.25, 0.25]), (0.25, 0.5, 0.9))
-    [1.0, 2.0, 3.0]
-    """
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weight[order])
-    place = np.searchsorted(below, np.asarray(levels) * below[-1] * (1 - 1e-12))
-    return [float(values[order[min(i, len(order) - 1)]]) for i in place.tolist()]

@@ -85,6 +85,7 @@ def frontier(
     *,
     mean_shares: Sequence[float] = (),
     reference: Array | None = None,
+    kinds: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Frontier:
     """Cautious plans from the mean to the tail; plans found at one level start the next.
@@ -96,17 +97,20 @@ def frontier(
         Shares of the draws that count.
     mean_shares : sequence of float, optional
         With one level: shares of the mean in the criterion, the classical frontier of mean against CVaR.
-    reference : float64[d], optional
+    reference : float64[u], optional
+    kinds : int
         As in `models.robust.cautious.cautious_plan`.
     progress : callable, optional
         Called with plans done and plans in all.
     """
     settings = [(a, k) for a in levels for k in (mean_shares or (0.0,))]
-    bayes = cautious_plan(schedule, 1.0, reference=reference)
+    bayes = cautious_plan(schedule, 1.0, reference=reference, kinds=kinds)
     table: PlanTable = bayes.table
     plans = []
     for i, (alpha, kappa) in enumerate(settings):
-        found = cautious_plan(schedule, alpha, mean_share=kappa, reference=reference, start=table)
+        found = cautious_plan(
+            schedule, alpha, mean_share=kappa, reference=reference, kinds=kinds, start=table
+        )  # fmt: skip
         table = found.table
         plans.append(found)
         if progress is not None:

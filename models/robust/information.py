@@ -43,6 +43,9 @@ class PerfectInformation:
         What today's plan is worth there.
     chains : int or None
         As in `models.robust.draw_error`.
+    sampled : bool
+        Whether the draws are a sample of what is believed. If not they are all of it, and no mean over them has an
+        error.
     """
 
     schedule: Schedule
@@ -51,6 +54,7 @@ class PerfectInformation:
     optima: Array
     values: Array
     chains: int | None = None
+    sampled: bool = True
 
     @property
     def losses(self) -> Array:
@@ -60,7 +64,8 @@ class PerfectInformation:
     @property
     def error(self) -> DrawMean:
         """The mean loss with its standard error as a mean over draws of a sampler."""
-        return draw_mean(self.losses, self.groups.weight, self.chains)
+        found = draw_mean(self.losses, self.groups.weight, self.chains)
+        return found if self.sampled else found._replace(se=float("nan"))
 
     @property
     def value(self) -> float:
@@ -104,8 +109,9 @@ def beyond_rounding(gains: Array, scale: float) -> Array:
 
 
 def perfect_information(
-    schedule: Schedule, *, kinds: int = 1, chains: int | None = None, executor: Executor | None = None
-) -> PerfectInformation:
+    schedule: Schedule, *, kinds: int = 1, chains: int | None = None, sampled: bool = True,
+    executor: Executor | None = None,
+) -> PerfectInformation:  # fmt: skip
     """What perfect knowledge of the dynamics would be worth, exactly.
 
     Parameters
@@ -116,6 +122,8 @@ def perfect_information(
         then of the draw, and not of the person.
     chains : int, optional
         How many chains the draws come from, one after the other; for the standard error only.
+    sampled : bool
+        False if the draws are all that is believed, a list of weighted models, and no sample of it.
     executor : concurrent.futures.Executor, optional
         What draws are spread over; threads by default.
 
@@ -143,7 +151,7 @@ def perfect_information(
     if kinds == 1:
         optima = own_plans(schedule, executor).values
     else:
-        optima = ManyWeights(schedule).group_optima(groups.share)
-    found = PerfectInformation(schedule, groups, plan, optima, values, chains)
+        optima = ManyWeights(schedule).group_optima(groups.share).values
+    found = PerfectInformation(schedule, groups, plan, optima, values, chains, sampled)
     _ = found.error  # a wrong number of chains is told now
     return found

@@ -104,7 +104,7 @@ class ManyWeights:
             return Optima(np.zeros(0), np.zeros((0, len(self.schedule.mode(0).actions))), np.zeros(0))
         return Optima(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
-    def group_optima(self, share: Array) -> Array:
+    def group_optima(self, share: Array) -> Optima:
         r"""Best plan's worth within each group of neighbouring draws.
 
         Parameters
@@ -114,8 +114,8 @@ class ManyWeights:
 
         Returns
         -------
-        float64[u]
-            :math:`\max_\pi \sum_i \text{share}_{u i} V_{u i}(\pi)`.
+        Optima
+            :math:`\max_\pi \sum_i \text{share}_{u i} V_{u i}(\pi)` of every group.
         """
         size = share.shape[1]
         if share.size != self.schedule.draws.n_draws:
@@ -124,8 +124,8 @@ class ManyWeights:
         for span, rows in self._rows(size):
             units = slice(span.start // size, span.stop // size)
             summed = np.einsum("ruk,uk->ru", rows.reshape(len(rows), -1, size), share[units])
-            parts.append(self._backward(summed).values)
-        return np.concatenate(parts)
+            parts.append(self._backward(summed))
+        return Optima(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def _rows(self, multiple: int) -> Iterator[tuple[slice, Array]]:
         """Worth of every choice after every history, shape ``[r, d]``, for some draws after the others."""

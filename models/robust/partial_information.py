@@ -130,9 +130,11 @@ def partial_information(
             [values[:, cells.cell == c] @ groups.weight[cells.cell == c] for c in np.unique(cells.cell)]
         )
         chosen = beyond_rounding(np.array([sums.max(axis=1).sum() - best]), scale)[0]
+        # A rule can be held against other draws only where the draws are a sample.
         error = draw_mean(cells.gain, groups.weight, chains)
+        worth, se = (error.mean, error.se) if known.sampled else (float(chosen), float("nan"))
         rows.append(
-            BlockWorth(name, error.mean, error.se, float(chosen), cells.regression, len(set(sums.argmax(axis=1))),
+            BlockWorth(name, worth, se, float(chosen), cells.regression, len(set(sums.argmax(axis=1))),
                        x.shape[1])
         )  # fmt: skip
     pooled = beyond_rounding(np.array([groups.weight @ values.max(axis=0) - best]), scale)[0]

@@ -17,6 +17,7 @@ from models.planning.exact import ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
 from models.population import offsets
 from models.posterior import SPREAD, Posterior
+from models.robust.information import beyond_rounding
 from models.robust.plan_table import PlanEvaluator
 
 KINDS = 7
@@ -91,7 +92,7 @@ class Personal:
     @property
     def gain(self) -> float:
         """Value of personalising, in reward units a person; never negative."""
-        return max(0.0, self.value - self.impersonal)
+        return float(beyond_rounding(np.array(self.value - self.impersonal), abs(self.value)))
 
     @property
     def sentence(self) -> str:

@@ -15,8 +15,10 @@ from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.schedule import Array, Schedule
 from models.robust.candidates import Candidate, Chosen
-from models.robust.own_plans import OwnPlans, own_plans
-from models.robust.risk import RiskSet, cvar
+from models.robust.draw_error import check_chains
+from models.robust.draw_groups import DrawGroups
+from models.robust.information import SAME, beyond_rounding, perfect_information
+from models.robust.risk import RiskSet, cvar, weighted_quantiles
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Price:
         the worst `alpha` share.
     held_out_mean, held_out_cvar : float
         The same chosen on one half of the draws and scored on the other, both ways round.
-    values : float64[d]
+    values : float64[u]
     chosen : Chosen
     """
 
@@ -75,18 +77,21 @@ class PriceList:
     Attributes
     ----------
     schedule : Schedule
+    groups : DrawGroups
+        Rows of the schedule's draws that are kinds of people within one draw.
     alpha : float
     prices : tuple of Price
-    own : OwnPlans
+    optima : float64[u]
         Every draw's own optimum.
-    never : float64[d]
+    never : float64[u]
         What never helping is worth in every draw.
     """
 
     schedule: Schedule
+    groups: DrawGroups
     alpha: float
     prices: tuple[Price, ...]
-    own: OwnPlans
+    optima: Array
     never: Array
 
     def __getitem__(self, name: str) -> Price:
@@ -124,8 +129,9 @@ def price(
     candidates: Sequence[Candidate],
     *,
     alpha: float = 0.1,
-    seed: int = 1,
-    own: OwnPlans | None = None,
+    kinds: int = 1,
+    chains: int | None = None,
+    optima: Array | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> PriceList:
     """Score plans on all draws, and on draws that had no part in choosing them.
@@ -136,66 +142,64 @@ def price(
     candidates : sequence of Candidate
     alpha : float
         Share of the draws that counts as the lower tail.
-    seed : int
-        Of the split into halves.
-    own : OwnPlans, optional
-        If at hand.
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`). A plan is then worth the
+        mean over them: what is doubtful is the draw, not who comes next.
+    chains : int, optional
+        Chains that the draws come from, one after the other and equally long: each is cut in half, so that
+        neighbours stay together.
+    optima : float64[u], optional
+        Draws' optima (`models.robust.information.perfect_information`), if at hand.
     progress : callable, optional
         Called with candidates done and candidates in all.
 
     Raises
     ------
     InputError
-        If two candidates have the same name.
+        If two candidates have the same name, or the draws cannot be cut into kinds or chains.
     """
     names = [c.name for c in candidates]
     if len(set(names)) < len(names):
         raise located("candidates, names", names, "different names")
-    own = own or own_plans(schedule)
-    weight = schedule.draws.weight
+    groups = DrawGroups.of(schedule.draws, kinds)
+    check_chains(len(groups), chains)
+    best = perfect_information(schedule, kinds=kinds).optima if optima is None else optima
+    weight = groups.weight
     RiskSet(weight, alpha)
-    nothing = evaluate_schedule(never(schedule.protocol), schedule).values
-    halves = _halves(schedule, seed)
+    nothing = groups.mean(evaluate_schedule(never(schedule.protocol), schedule).values)
+    half = groups.folds(2, chains)
+    cut = len(groups) > 1 and all(weight[half == h].sum() > 0 for h in (0, 1))
     out = []
     for i, candidate in enumerate(candidates):
         chosen = candidate.choose(schedule)
-        values = chosen.values(schedule)
-        apart = values if not candidate.looks or halves is None else _held_out(schedule, candidate, halves)
-        regret, gain = own.values - values, values - nothing
+        values = groups.mean(chosen.values(schedule))
+        apart = _held_out(schedule, candidate, groups, half) if candidate.looks and cut else values
+        scale = max(1.0, float(np.abs(values).max()))
+        regret, gain = beyond_rounding(best - values, scale), values - nothing
+        gain = np.where(np.abs(gain) > SAME * scale, gain, 0.0)
         low, high = weighted_quantiles(gain, weight, (0.05, 0.95))
         out.append(
             Price(
                 candidate.name, candidate.about, float(weight @ values), cvar(values, weight, alpha),
                 float(values[weight > 0].min()), float(regret[weight > 0].max()), float(weight @ regret),
-                -cvar(-regret, weight, alpha), float(weight @ gain), low, high,
-                float(weight[gain > 1e-9 * np.abs(values).max()].sum()), cvar(gain, weight, alpha),
-                float(weight @ apart), cvar(apart, weight, alpha), values, chosen,
+                -cvar(-regret, weight, alpha), float(weight @ gain), low, high, float(weight[gain > 0].sum()),
+                cvar(gain, weight, alpha), float(weight @ apart), cvar(apart, weight, alpha), values, chosen,
             )
         )  # fmt: skip
         if progress is not None:
             progress(i + 1, len(candidates))
-    return PriceList(schedule, alpha, tuple(out), own, nothing)
+    return PriceList(schedule, groups, alpha, tuple(out), best, nothing)
 
 
-def _halves(schedule: Schedule, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-    """Two halves of the draws at random; None where one would have no weight."""
-    order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).permutation(schedule.draws.n_draws)
-    half = len(order) // 2
-    first, second = np.sort(order[:half]), np.sort(order[half:])
-    weight = schedule.draws.weight
-    if half == 0 or weight[first].sum() <= 0 or weight[second].sum() <= 0:
-        return None
-    return first, second
-
-
-def _held_out(
-    schedule: Schedule, candidate: Candidate, halves: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> Array:  # fmt: skip
+def _held_out(schedule: Schedule, candidate: Candidate, groups: DrawGroups, half: NDArray[np.int64]) -> Array:
     """Value in every draw of what was chosen on the half that the draw is not in."""
-    out = np.empty(schedule.draws.n_draws)
-    for own, other in (halves, halves[::-1]):
-        chosen = candidate.choose(replace(schedule, draws=some_draws(schedule.draws, own)))
-        out[other] = chosen.values(replace(schedule, draws=some_draws(schedule.draws, other)))
+    out = np.empty(len(groups))
+    row = np.repeat(half, groups.kinds)
+    for h in (0, 1):
+        own = replace(schedule, draws=some_draws(schedule.draws, np.flatnonzero(row != h)))
+        other = some_draws(schedule.draws, np.flatnonzero(row == h))
+        scored = candidate.choose(own).values(replace(schedule, draws=other))
+        out[half == h] = DrawGroups(groups.weight[half == h], groups.share[half == h]).mean(scored)
     return out
 
 
@@ -206,11 +210,3 @@ def some_draws(draws: ModelDraws, keep: NDArray[np.int64]) -> ModelDraws:
         draws, initial=draws.initial[keep], transition=draws.transition[keep], emission=draws.emission[keep],
         weight=weight / weight.sum(),
     )  # fmt: skip
-
-
-def weighted_quantiles(values: Array, weight: Array, levels: Sequence[float]) -> list[float]:
-    """Quantiles of weighted draws: the smallest value at which the cumulated weight reaches the level."""
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weight[order])
-    places = np.minimum(np.searchsorted(total, np.asarray(levels) - 1e-12), len(order) - 1)
-    return np.asarray(values[order][places]).tolist()

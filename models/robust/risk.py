@@ -14,6 +14,7 @@ what each draw offers: its own optimum (minus the regret) or what never helping 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +106,20 @@ def cvar(outcomes: Array, weight: Array, alpha: float) -> float:
     1.5
     """
     return RiskSet(weight, alpha).lowest(outcomes)[0]
+
+
+def weighted_quantiles(values: Array, weight: Array, levels: Sequence[float]) -> list[float]:
+    """Quantiles of weighted draws: the smallest value at which the cumulated weight reaches the level.
+
+    Examples
+    --------
+    >>> weighted_quantiles(np.array([3.0, 1.0, 2.0]), np.array([0.5, 0.25, 0.25]), (0.25, 0.5, 0.9))
+    [1.0, 2.0, 3.0]
+    """
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weight[order])
+    places = np.searchsorted(reached, np.asarray(levels) * reached[-1] * (1 - 1e-12))
+    return [float(values[order[min(i, len(order) - 1)]]) for i in places.tolist()]
 
 
 def check_weight(weight: Array) -> None:

@@ -135,7 +135,8 @@ def sample_information(
         if pool.values.shape[1] != schedule.draws.n_draws:
             raise located("pool, draws", pool.values.shape[1], f"{schedule.draws.n_draws}, those of the schedule")
         values = np.vstack([groups.mean(pool.values), known.values])
-    fold = groups.folds(FOLDS, known.chains) if len(groups) >= FEWEST_CUT else None
+    cut = known.sampled and len(groups) >= FEWEST_CUT
+    fold = groups.folds(FOLDS, known.chains) if cut else None
     work = _Work(schedule, groups, several, wanted, seed, known.optima, known.values, values, fold)
     pieces = [(work, span.start, span.stop) for span in chunks(replicates, PIECE)]
     found = spread_out(executor, _gains, pieces, progress)
@@ -143,7 +144,7 @@ def sample_information(
     rows = [
         StudyWorth.of(
             study.name, n, Simulated(*(part[:, j, i] for part in every)), known.value, study.tells_nothing,
-            fold is not None, served, cost,
+            cut, served, cost, known.sampled,
         )
         for j, study in enumerate(several)
         for i, n in enumerate(wanted)

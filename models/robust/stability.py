@@ -18,6 +18,8 @@ from models.errors import located
 from models.lspomdp import LatentStatePOMDP
 from models.planning.exact import Decisions, ExactPlan
 from models.planning.schedule import Array, Schedule
+from models.robust.draw_groups import DrawGroups
+from models.robust.many_weights import ManyWeights
 from models.robust.own_plans import own_plans
 
 
@@ -43,7 +45,7 @@ class Standing:
         Effective number of draws after this history, :math:`1 / \sum_i w_i^2`.
     information : float
         What the history has told of the draws, in bits (relative entropy from before the first event).
-    weight : float64[d]
+    weight : float64[u]
         What is believed of the draws after this history.
     """
 
@@ -57,6 +59,23 @@ class Standing:
     effective_draws: float
     information: float
     weight: Array
+
+    @property
+    def regret(self) -> float:
+        """What the plan's action costs on average in the draws that prefer another one; 0 if none does."""
+        wrong = 1 - self.share[self.action]
+        return self.loss[self.action] / wrong if wrong > 1e-12 else 0.0
+
+    @property
+    def words(self) -> str:
+        """How sure the decision is."""
+        agree = self.share[self.action]
+        if agree > 1 - 1e-12:
+            return f"{self.action} first is right in every draw."
+        return (
+            f"{self.action} first is right in {agree:.0%} of the draws; being wrong costs {self.regret:.2g} on "
+            "average."
+        )
 
 
 @dataclass(frozen=True)
@@ -108,11 +127,10 @@ class Stability:
         bits = sum(x.probability * x.information for x in end) / sum(x.probability for x in end)
         after = f" after {', '.join(least.responses)}" if least.responses else ""
         return (
-            f"{first.action} first is right in {first.share[first.action]:.0%} of the draws; being wrong costs "
-            f"{first.loss[first.action]:.2g} on average. The least sure decision is {least.action} at event "
-            f"{least.event + 1}{after} ({least.share[least.action]:.0%} agree, expected loss "
-            f"{least.loss[least.action]:.2g}). By the last event the responses have told {bits:.2g} bits of "
-            "the draws."
+            f"{first.words} The least sure decision is {least.action} at event {least.event + 1}{after}: "
+            f"{least.share[least.action]:.0%} agree, and where it is wrong it costs {least.regret:.2g} on average. "
+            "By the last event "
+            f"the responses have told {bits:.2g} bits of the draws."
         )
 
 
@@ -121,6 +139,8 @@ def decision_stability(
     plan: ExactPlan | Decisions,
     tracker: LatentStatePOMDP | None = None,
     executor: Executor | None = None,
+    *,
+    kinds: int = 1,
 ) -> Stability:
     """What the draws say to every decision of a plan.
 
@@ -131,6 +151,9 @@ def decision_stability(
     tracker : LatentStatePOMDP, optional
         Model whose belief all draws act on; each draw's own by default.
     executor : concurrent.futures.Executor, optional
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`). Draws then judge by their
+        belief about the kind of person too.
 
     Raises
     ------
@@ -145,7 +168,7 @@ def decision_stability(
             raise located("stability, tracker", found, f"{schedule.n_states} states, the protocol of the draws")
         follower = replace(Schedule.of(tracker, "".join(m.letter for m in schedule.protocol.modes)),
                            modes=schedule.modes)  # fmt: skip
-    prior = schedule.draws.weight
+    prior = DrawGroups.of(schedule.draws, kinds).weight
     out: list[Standing] = []
     level: list[tuple[tuple[str, ...], Array, Array | None]] = [
         ((), schedule.start(), None if follower is None else follower.start())
@@ -159,7 +182,9 @@ def decision_stability(
             total = float(joint.sum())
             if total > 0:
                 out.append(
-                    _standing(schedule, k, responses, joint, belief, mode.actions[choice].name, prior, executor)
+                    _standing(
+                        schedule, k, responses, joint, belief, mode.actions[choice].name, prior, executor, kinds
+                    )
                 )
             for o in range(schedule.n_outcomes(k)):
                 seen = o if mode.shows_response else None
@@ -175,10 +200,9 @@ def decision_stability(
 
 def _standing(
     schedule: Schedule, k: int, responses: tuple[str, ...], joint: Array, belief: Array | None, action: str,
-    prior: Array, executor: Executor | None,
+    prior: Array, executor: Executor | None, kinds: int,
 ) -> Standing:  # fmt: skip
     rest = schedule.rest(k, joint)
-    weight = rest.draws.weight
     if belief is not None:
         mass = belief.sum()
         if mass <= 0:
@@ -187,10 +211,19 @@ def _standing(
             )
         same = np.broadcast_to(belief[0] / mass, rest.draws.initial.shape)
         rest = replace(rest, draws=replace(rest.draws, initial=np.ascontiguousarray(same)))
-    own = own_plans(rest, executor)
+    groups = DrawGroups.of(rest.draws, kinds)
+    if kinds == 1:
+        first = own_plans(rest, executor).first_values
+    else:
+        first = ManyWeights(rest).group_optima(groups.share).first_values
+    weight, best = groups.weight, first.max(axis=1)
+    names = [a.name for a in schedule.mode(k).actions]
+    chosen = np.argmax(first, axis=1)
+    share = {name: float(weight[chosen == a].sum()) for a, name in enumerate(names)}
+    loss = {name: float(weight @ (best - first[:, a])) for a, name in enumerate(names)}
     positive = weight > 0
     bits = max(0.0, float(np.sum(weight[positive] * np.log2(weight[positive] / prior[positive]))))
     return Standing(
-        k, schedule.mode(k).name, responses, float(joint.sum()), action, own.first_action_shares,
-        own.first_action_losses, float(1 / np.sum(weight**2)), bits, weight,
+        k, schedule.mode(k).name, responses, float(joint.sum()), action, share, loss,
+        float(1 / np.sum(weight**2)), bits, weight,
     )  # fmt: skip

@@ -72,6 +72,8 @@ class StudyWorth:
         People that the plan will serve.
     cost : float
         Of one participant.
+    sampled : bool
+        Whether the draws are a sample of what is believed, and not all of it.
     """
 
     study: str
@@ -89,11 +91,12 @@ class StudyWorth:
     silent: bool = False
     served: float | None = None
     cost: float = 0.0
+    sampled: bool = True
 
     @classmethod
     def of(
         cls, study: str, people: int, simulated: Simulated, evpi: float, silent: bool, cut: bool,
-        served: float | None, cost: float,
+        served: float | None, cost: float, sampled: bool = True,
     ) -> StudyWorth:  # fmt: skip
         """From one number a simulated data set; `cut`: some draws were held out.
 
@@ -111,13 +114,13 @@ class StudyWorth:
         return cls(
             study, people, float(np.clip(mean, 0.0, evpi)), se, held_out, held_out_se, float(gain.mean()), plain,
             float(simulated.ceiling.mean()), evpi, float(np.median(simulated.effective)),
-            float(np.mean(gain > 0)), silent, served, cost,
+            float(np.mean(gain > 0)), silent, served, cost, sampled,
         )  # fmt: skip
 
     @property
     def enough(self) -> bool:
-        """Whether enough draws remain after the data to say what would be believed."""
-        return self.effective >= FEWEST_EFFECTIVE
+        """Whether enough draws remain after the data to say what would be believed; all there are always do."""
+        return not self.sampled or self.effective >= FEWEST_EFFECTIVE
 
     @property
     def net(self) -> float:
@@ -228,6 +231,8 @@ class SampleInformation:
             "people",
             "worth",
             "se",
+            "held_out",
+            "held_out_se",
             "pathwise",
             "pathwise_se",
             "perfect",

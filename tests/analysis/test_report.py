@@ -27,7 +27,7 @@ DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
     "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
-    "power", "reward", "plan", "evidence", "limits",
+    "power", "reward", "plan", "robust", "evidence", "limits",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -211,7 +211,14 @@ def test_reports_of_real_effort_have_every_section_too(tmp_path, monkeypatch):
     )
     assert [s.key for s in quick.sections if s.omitted] == ["people", "held-out"]
     full = general_report(tmp_path / "full")
-    assert {s.key for s in full.sections if s.omitted} == {"reward", "plan", "evidence", "regression", "power"}
+    assert {s.key for s in full.sections if s.omitted} == {
+        "reward",
+        "plan",
+        "robust",
+        "evidence",
+        "regression",
+        "power",
+    }
     assert WATERMARK not in full.html.read_text(encoding="utf-8")
     assert full.study.bootstraps[full.study.best_by_bic].replicates == 200
 
@@ -224,6 +231,7 @@ def test_general_protocol(general):
     assert {s.key: s.omitted for s in general.sections if s.omitted}.keys() == {
         "reward",
         "plan",
+        "robust",
         "evidence",
         "regression",
         "power",

@@ -97,10 +97,10 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
 
 
 def _sure(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
-    named = {"optimum of each draw": study.own.values}
+    named = {"optimum of each draw": study.perfect.optima}
     have = {p.name for p in study.prices.prices}
     named |= {n: study.prices[n].values for n in PLANS if n in have}
-    weight = study.schedule.draws.weight
+    weight = study.perfect.groups.weight
     told = "; ".join(f"{n} {weight @ v:.4g}" for n, v in named.items())
     curves = Figure(
         f"robust-values-{k}", (partial(value_distributions, named, weight),),
@@ -143,7 +143,7 @@ def _prices(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, 
     )  # fmt: skip
     listening = (
         f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
-        f"which draw it faces {study.learning:.3g} over the best plan made for one model."
+        f"which draw it faces at most {study.learning:.3g}, over the best plan found for one model."
     )
     return Text(study.prices.sentence), Text(listening), figure, table
 
@@ -155,8 +155,8 @@ def _caution(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block,
     figure = Figure(
         f"robust-caution-{k}", (partial(caution, study.frontiers),),
         "What the best cautious plans gain over the Bayes-adaptive plan in the worst share of the draws, and what "
-        "they give up on average. Contested costs: those at which the first decision of each mode flips. Every "
-        f"point is certified, largest gap {gap:.1g}.",
+        "they give up on average. Contested costs: those at which the first decisions of all modes flip "
+        f"together. Every point is certified, largest gap {gap:.1g}.",
         (" ".join(words),), (context.origin,),
     )  # fmt: skip
     return Points(tuple(words), "Caution"), figure

@@ -14,11 +14,11 @@ from models.planning.batch import solve_draws
 from models.planning.latent import LatentBatch
 from models.planning.solver import solve
 from models.robust.candidates import posterior_mean
-from models.robust.controller_pool import ControllerPool, controller_pool, weighted_quantiles
+from models.robust.controller_pool import ControllerPool, controller_pool
 from models.robust.controllers import own_controllers
 from models.robust.named_controllers import baseline_controllers
 from models.robust.pool_mixture import best_mixture, held_out
-from models.robust.risk import cvar
+from models.robust.risk import cvar, weighted_quantiles
 from tests.models.robust.endless_cases import random_controller, solved
 from tests.planning_cases import mode_processes, sticky_draws, sticky_model
 from tests.reference import planning_numpy as reference

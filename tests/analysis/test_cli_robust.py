@@ -1,0 +1,169 @@
+"""The command ``robust`` and how further studies are written: JSON, words, files, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+from analysis.cli import main
+from analysis.next_studies import next_studies, published_studies
+from models.errors import InputError
+from models.model_draws import ModelDraws
+from models.model_files import write_model
+from models.planning.evaluation import evaluate_schedule
+from models.planning.exact import solve_schedule
+from models.planning.policy_files import read_policy
+from models.planning.schedule import Schedule
+from models.protocol import PUBLISHED
+from models.robust.cautious import cautious_plan
+from models.robust.own_plans import own_plans
+from tests.analysis.draws_cases import failed, fit_file, json_file, people
+
+
+def run(*arguments):
+    try:
+        main([str(a) for a in arguments])
+    except SystemExit as stop:
+        return stop.code or 0
+    return 0
+
+
+def result_of(capsys, *arguments):
+    assert run("robust", *arguments, "--json", "-") == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def fit(tmp_path):
+    return fit_file(tmp_path / "fit.nc", people(12, 3, seed=2))
+
+
+def test_numbers_are_those_of_the_modules(fit, capsys):
+    found = result_of(capsys, fit, "--schedule", "HRHR", "--criterion", "cvar", "--alpha", "0.25")
+    schedule = Schedule.of(ModelDraws.from_models(people(12, 3, seed=2)), "HRHR")
+    assert found["bayes_value"] == pytest.approx(solve_schedule(schedule).value)
+    assert found["value"] == pytest.approx(cautious_plan(schedule, 0.25).lower)
+    assert found["certified"]
+    assert found["gap"] <= 1e-6
+    own = own_plans(schedule)
+    assert found["evpi"] == pytest.approx(own.mean - found["bayes_value"])
+    assert found["optimal_values"]["mean"] == pytest.approx(own.mean)
+    assert found["first_action_shares"] == pytest.approx(own.first_action_shares)
+    for key in ("plans", "evppi", "adaptivity", "mixture", "seconds", "compile_seconds"):
+        assert key in found
+    plan = found["plans"]["Bayes-adaptive"]
+    assert {"mean", "cvar", "worst", "max_regret", "gain", "held_out"} <= set(plan)
+    assert set(plan["gain"]) >= {"mean", "q05", "q95", "probability"}
+    assert found["adaptivity"] == pytest.approx(found["bayes_value"] - found["plans"]["fixed sequence"]["mean"])
+
+
+@pytest.mark.parametrize(("criterion", "alpha"), [("regret", 0.0), ("regret-cvar", 0.3)])
+def test_regret_is_told_as_regret(fit, capsys, criterion, alpha):
+    found = result_of(capsys, fit, "--schedule", "HRH", "--criterion", criterion, "--alpha", alpha or 0.1)
+    schedule = Schedule.of(ModelDraws.from_models(people(12, 3, seed=2)), "HRH")
+    wanted = cautious_plan(schedule, alpha, reference=own_plans(schedule).values)
+    assert found["value"] == pytest.approx(-wanted.lower)
+    assert found["value"] >= 0
+
+
+def test_the_chosen_plan_can_be_run(fit, tmp_path, capsys):
+    out = tmp_path / "plan.json"
+    found = result_of(capsys, fit, "--schedule", "HRHR", "--criterion", "regret", "--policy", out)
+    policy = read_policy(out)
+    schedule = Schedule.of(ModelDraws.from_models(people(12, 3, seed=2)), "HRHR")
+    values = evaluate_schedule(policy, schedule).values
+    assert (own_plans(schedule).values - values).max() == pytest.approx(found["value"], abs=1e-9)
+
+
+def test_studies_frontier_and_estimate(fit, tmp_path, capsys):
+    estimate = tmp_path / "estimate.json"
+    write_model(people(1, 2, seed=9)[0], estimate)
+    found = result_of(
+        capsys, fit, "--schedule", "HRH", "--frontier", "--plug-in", estimate, "--evsi", "help+signal:HRHRH:5,10",
+        "--evsi", "random:RH:4", "--served", "100", "--participant-cost", "0.5",
+    )  # fmt: skip
+    assert [(r["study"], r["participants"]) for r in found["evsi"]] == [
+        ("help+signal over HRHRH", 5), ("help+signal over HRHRH", 10), ("random actions over RH", 4)
+    ]  # fmt: skip
+    for row in found["evsi"]:
+        assert 0 <= row["worth"] <= found["evpi"] + 1e-9
+        assert row["net"] == pytest.approx(100 * row["worth"] - 0.5 * row["participants"])
+    assert "plug-in estimate" in found["plans"]
+    settings = {row["setting"].split(" (")[0] for row in found["frontier"]}
+    assert "these costs" in settings <= {"these costs", "contested costs"}
+    assert all(row["certified"] for row in found["frontier"])
+
+
+def test_words_for_people(fit, capsys):
+    assert run("robust", fit, "--schedule", "HRH", "--criterion", "cvar") == 0
+    out = capsys.readouterr().out
+    for words in ("is right in", "certified", "Bayes-adaptive", "Perfect knowledge", "held out"):
+        assert words in out
+    assert run("robust", fit, "--schedule", "HRH", "--quiet") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_weighted_models_in_a_file(tmp_path, capsys):
+    models = people(3, 2, seed=5)
+    path = json_file(tmp_path / "models.json", models, [0.5, 0.5, 0.0])
+    found = result_of(capsys, path, "--schedule", "HR")
+    draws = ModelDraws.from_models(models, np.array([0.5, 0.5, 0.0]))
+    assert found["bayes_value"] == pytest.approx(solve_schedule(Schedule.of(draws, "HR")).value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--criterion", "worst"], "one of bayes, cvar, regret, regret-cvar"),
+        (["--alpha", "0"], "alpha: found 0.0"),
+        (["--alpha", "1.5"], "alpha: found 1.5"),
+        (["--mean-share", "2", "--criterion", "cvar"], "share of the mean"),
+        (["--schedule", "HXH"], "X"),
+        (["--evsi", "help+signal:HRH"], "CONDITION:SCHEDULE:N"),
+        (["--evsi", "nobody:HRH:10"], "nobody"),
+        (["--evsi", "help+signal:HRH:0"], "at least 1"),
+        (["--evsi", "help:HRH:10"], "arm, modes with an action"),
+        (["--discount", "1.2"], "discount"),
+        (["--draws", "0"], "--draws"),
+        (["--cost", "dance=3"], "dance"),
+        (["--evsi", "help+signal:HRH:9", "--participant-cost", "2"], "people served"),
+    ],
+)
+def test_refusals(fit, capsys, options, words):
+    assert run("robust", fit, *options) == 2
+    # Before it may stand what a reader has to know of the file.
+    assert words in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_fit_that_failed_its_gate_is_refused_unless_forced(tmp_path, capsys):
+    path = fit_file(tmp_path / "bad.nc", people(6), gate=failed())
+    assert run("robust", path, "--schedule", "HR") == 2
+    assert "--force" in capsys.readouterr().err
+    assert run("robust", path, "--schedule", "HR", "--force", "--quiet") == 0
+    assert "used although" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("[]", "empty list"), ("[1]", "model 0"), ('{"a": 1}', ""), ("nonsense", "")]
+)
+def test_files_that_hold_no_models(tmp_path, capsys, text, words):
+    path = tmp_path / "models.json"
+    path.write_text(text)
+    assert run("robust", path) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_weights_that_do_not_sum_to_one(tmp_path, capsys):
+    path = json_file(tmp_path / "models.json", people(2), [0.5, 0.2])
+    assert run("robust", path) == 2
+    assert "sum" in capsys.readouterr().err
+
+
+def test_studies_as_they_are_written():
+    asked = next_studies(["help+signal:HRH:10", "help+signal:HRH:5", "signal,help,no_signal:HRH:7"], PUBLISHED)
+    assert [(a.study.name, a.sizes) for a in asked] == [
+        ("help+signal over HRH", (5, 10)), ("signal, help, no_signal over HRH", (7,))
+    ]  # fmt: skip
+    assert [s.name for s in published_studies(PUBLISHED, "RH")][-1] == "random actions over RH"
+    with pytest.raises(InputError, match="one an event"):
+        next_studies(["signal,help:HRH:7"], PUBLISHED)

@@ -37,7 +37,7 @@ class LogisticTwin:
     ----------
     table : DataFrame
         One row an effect: ``effect, chi_squared, df, p``, and ``full, restricted``: the terms of the two models;
-        NaN where one of them has no maximum.
+        NaN where the search for the maximum of one of them did not end.
     sd : float
         Standard deviation of the intercepts in the model with all effects, on the logit scale.
     notes : tuple of str
@@ -97,12 +97,12 @@ def logistic_twin(data: RepeatedMeasures, ss_type: int = 3) -> LogisticTwin:
         full, restricted = fits[large], fits[small]
         df = full.model.exog.shape[1] - restricted.model.exog.shape[1]
         lr = p = np.nan
-        if full.converged and restricted.converged:
+        if full.comparable and restricted.comparable:
             lr, p, df = full.compare_lr_test(restricted)
         told = {"full": " + ".join(large), "restricted": " + ".join(small)}
         rows.append({"effect": effect, "chi_squared": lr, "df": df, "p": p, **told})
     notes = _notes(data, fits)
-    if ss_type == 3 and not fits[every].converged:
+    if ss_type == 3 and not fits[every].comparable:
         notes += ("Tests of the main effects of Type II do without the model of all effects.",)
     return LogisticTwin(pd.DataFrame(rows), float(fits[every].sd), notes, ss_type)
 
@@ -114,7 +114,7 @@ def _notes(data: RepeatedMeasures, fits: Mapping[tuple[str, ...], Any]) -> tuple
     if flat:
         notes.append(
             f"Only one value of {data.dv} in {'; '.join(flat)}: an effect that needs such a cell has no finite "
-            "estimate, and its test is left out or rests on the other cells."
+            "estimate, though it has a test."
         )
     told: dict[str, list[str]] = {}
     for model, fit in fits.items():
@@ -123,7 +123,13 @@ def _notes(data: RepeatedMeasures, fits: Mapping[tuple[str, ...], Any]) -> tuple
                 told.setdefault(note.text, []).append(" + ".join(model))
     for text, models in told.items():
         notes.append(text if len(models) == len(fits) else f"Model with {', '.join(models)}: {text}")
-    lost = [" + ".join(model) for model, fit in fits.items() if not fit.converged]
+    risen = [" + ".join(model) for model, fit in fits.items() if fit.comparable and not fit.converged]
+    if risen:
+        notes.append(
+            f"The model with {', '.join(risen)} has no finite estimate of some effect: its tests are of the value "
+            "that the likelihood rises to."
+        )
+    lost = [" + ".join(model) for model, fit in fits.items() if not fit.comparable]
     if lost:
         notes.append(f"No maximum was found for the model with {', '.join(lost)}: tests with it are left out.")
     return tuple(notes)

@@ -94,8 +94,8 @@ def plain(value: Any) -> Any:
 
 def check_output(option: str, path: str | Path) -> None:
     """Refuse an output path that cannot be written, before any work is done."""
-    if str(path) == "":
-        raise located(option, "", "the name of a file")
+    if str(path) in ("", "-"):
+        raise located(option, str(path), "the name of a file")
     path = Path(path)
     if path.is_dir():
         raise located(f"{option} {path}", Phrase("a folder"), "the name of a file")

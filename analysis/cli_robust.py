@@ -140,7 +140,7 @@ def _lines(study: RobustStudy) -> list[str]:
         out.append(f"Shares of the plans: {shares}. Of all plans looked at, the best single one: {single:.6g}.")
     columns = ["name", "mean", "cvar", "worst", "max_regret", "gain_mean", "gain_probability", "held_out_mean"]
     named = {
-        "name": "plan", "cvar": f"worst {study.alpha:.0%}", "max_regret": "max regret", "gain_mean": "gain",
+        "name": "plan", "cvar": f"worst {100 * study.alpha:.3g}%", "max_regret": "max regret", "gain_mean": "gain",
         "gain_probability": "P(gain > 0)", "held_out_mean": "held out",
     }  # fmt: skip
     table = prices.table[columns].rename(columns=named)

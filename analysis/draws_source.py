@@ -49,6 +49,8 @@ class DrawsSource:
     kinds : int
         Kinds of people in each draw of a fit in which people differ, where all of them count: draws of one draw of
         the fit follow each other.
+    unused_costs : tuple of str
+        Actions left out whose cost was asked for.
     """
 
     path: str
@@ -59,6 +61,7 @@ class DrawsSource:
     left_out: tuple[str, ...]
     forced: bool
     kinds: int = 1
+    unused_costs: tuple[str, ...] = ()
 
     @property
     def chains(self) -> int | None:
@@ -87,6 +90,10 @@ class DrawsSource:
         out, unseen = [], ", ".join(self.unseen or ())
         if self.forced and self.fit is not None:
             out.append(f"{self.path}: used although {self.fit.gate.sentence}")
+        if self.unused_costs:
+            out.append(
+                f"{self.path}: the cost of {', '.join(self.unused_costs)} is not used: the action is left out"
+            )
         if self.left_out:
             out.append(
                 f"{self.path}: left out {unseen}: the data hold no evidence on it, so what follows it is known "
@@ -177,12 +184,13 @@ def read_draws(
     evidence = None if fit is None else _evidence(fit)
     unseen = None if evidence is None else unseen_actions(evidence, own.protocol)
     left_out = () if allow_unseen else (unseen or ())
+    unused = tuple(name for name in left_out if (costs or {}).get(name) is not None)
     try:
         own = without_actions(own, left_out)
     except InputError as error:
         raise InputError(f"{path}, evidence: {error} (--allow-unseen plans with them all the same)") from None
     forced = fit is not None and not fit.gate.passed
-    return DrawsSource(path, own, available, fit, unseen, left_out, forced, kinds)
+    return DrawsSource(path, own, available, fit, unseen, left_out, forced, kinds, unused)
 
 
 def _is_netcdf(path: str) -> bool:

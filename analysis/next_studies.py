@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from analysis.design import study1_design
-from models.errors import Phrase, located
+from models.errors import InputError, Phrase, located
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 RANDOM = "random"
 """Condition in which every event draws its action anew."""
+
+MOST = 99_999_999
+"""Participants of a study at most."""
 
 WANTED = (
     "CONDITION:SCHEDULE:N, with a published condition (help+signal), one action a mode (help+no_signal), one an "
@@ -50,11 +53,17 @@ def next_studies(options: Sequence[str], protocol: Protocol) -> tuple[Asked, ...
         if len(parts) != 3 or not all(parts):
             raise located("--evsi", option, WANTED)
         condition, schedule, sizes = parts
-        study = _study(option, condition, schedule, protocol)
+        try:
+            study = _study(option, condition, schedule, protocol)
+        except InputError as error:
+            text = str(error)
+            raise InputError(text if text.startswith("--evsi") else f"--evsi {option}: {text}") from None
         numbers = found.setdefault(study.name, (study, []))[1]
         for text in sizes.split(","):
-            if not text.strip().isdigit() or int(text) < 1:
-                raise located("--evsi", option, f"a number of people of at least 1 after the last colon; {WANTED}")
+            number = text.strip()
+            if not (number.isascii() and number.isdecimal() and len(number) < 9 and int(number) >= 1):
+                wanted = f"a number of people, from 1 to {MOST:,}, after the last colon; {WANTED}"
+                raise located("--evsi", option, wanted)
             if int(text) not in numbers:
                 numbers.append(int(text))
     return tuple(Asked(study, tuple(sorted(sizes))) for study, sizes in found.values())

@@ -30,6 +30,7 @@ from models.glmm import DEFAULT_NODES, LogisticMixedModel
 from models.glmm_data import Patterns, Rule
 from models.glmm_formula import split_groups
 from models.glmm_optimise import maximise
+from models.glmm_supremum import supremum
 from models.protocol import PUBLISHED
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ TESTS = ("wald", "likelihood_ratio")
 TEST_NAMES = {"wald": "Wald", "likelihood_ratio": "likelihood ratio"}
 """The same in sentences and figures."""
 
-ENGINE = ("models.glmm_optimise",)
+ENGINE = ("models.glmm_optimise", "models.glmm_supremum")
 """What the result rests on: only kernels that this reaches make stored results stale."""
 
 STUDY1_FORMULA = "o_help ~ signal + robot_help + (1|participant)"
@@ -165,8 +166,9 @@ class MixedModelPowerResult:
     ----------
     table : DataFrame
         One row a number of people and test: ``people, test, power, low, high`` (Wilson interval of the simulation),
-        ``monte_carlo_error``, ``without_maximum``: share of studies in which a fit has no maximum (separated or
-        constant outcomes), which count as not significant; ``rate``: share of successes.
+        ``monte_carlo_error``, ``without_maximum``: share of studies in which the test is not defined, which count
+        as not significant (Wald's: where outcomes are separated; the likelihood ratio: where they are constant);
+        ``rate``: share of successes.
     settings : MixedModelPower
     seconds : float
     """
@@ -192,7 +194,10 @@ class MixedModelPowerResult:
             f"Monte Carlo error {error:.3f}): {told}."
         )
         if lost > 0:
-            text += f" In up to {lost:.1%} of studies a fit had no maximum; these count as not significant."
+            text += (
+                f" In up to {lost:.1%} of studies a fit had no maximum: these count as not significant by Wald's "
+                "test, and by the likelihood ratio with the values to which the likelihoods rise."
+            )
         return text
 
 
@@ -308,7 +313,10 @@ def mixed_model_power(
 def _one_study(
     people: int, settings: MixedModelPower, index: int, *, stop: Event | None = None
 ) -> tuple[float, float, float]:
-    """Compute p of both tests (NaN without a maximum) and the share of successes, for one simulated study."""
+    """Compute p of both tests and the share of successes, for one simulated study.
+
+    Without a maximum p is NaN by Wald's test; the likelihood ratio is by what the likelihood rises to.
+    """
     if stop is not None and stop.is_set():
         raise CancelledError
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM, people, index)))
@@ -319,16 +327,19 @@ def _one_study(
         return np.nan, np.nan, rate
     tested = np.array([name in settings.tested for name in settings.design.columns])
     rule = Rule.hermite(settings.nodes)
-    full, restricted = (maximise(binary_patterns(x, y, person), rule) for x in (exog, exog[:, ~tested]))
-    if not full.converged:
-        return np.nan, np.nan, rate
+    data = [binary_patterns(x, y, person) for x in (exog, exog[:, ~tested])]
+    full, restricted = (maximise(patterns, rule) for patterns in data)
+    top, under = (supremum(patterns, rule, best) for patterns, best in zip(data, (full, restricted), strict=True))
+    ratio = max(0.0, 2 * (top.value - under.value))  # NaN where a search did not end
+    at = np.flatnonzero(tested)
+    by_ratio = float(special.chdtrc(len(at), ratio))
+    if not top.attained:
+        return np.nan, by_ratio, rate
     # On the boundary the standard deviation is no free parameter.
     size = len(beta) if full.boundary else len(beta) + 1
-    at = np.flatnonzero(tested)
     covariance = np.linalg.inv(-full.hessian[:size, :size])[np.ix_(at, at)]
     wald = float(full.theta[at] @ np.linalg.solve(covariance, full.theta[at]))
-    ratio = max(0.0, 2 * (full.value - restricted.value)) if restricted.converged else np.nan
-    return float(special.chdtrc(len(at), wald)), float(special.chdtrc(len(at), ratio)), rate
+    return float(special.chdtrc(len(at), wald)), by_ratio, rate
 
 
 def binary_patterns(exog: Array, y: Array, person: Integers) -> Patterns:

@@ -73,7 +73,8 @@ class Regression:
         """Likelihood-ratio tests, one row a question.
 
         Columns ``question, full, restricted`` (right-hand sides), ``chi2, df, p``, ``dAIC`` (full less restricted:
-        negative where the larger model is better). NaN where one of the two has no maximum.
+        negative where the larger model is better). NaN where a search did not end; where data are
+        separated, by what the likelihood rises to.
         """
         main = self.table.main
         rows = [(f"{name}, beside the others", main, self._without(name)) for name in self.terms]
@@ -90,7 +91,7 @@ class Regression:
     def _test(self, question: str, full: str, restricted: str) -> dict[str, Any]:
         big, small = self.fits[full], self.fits[restricted]
         row: dict[str, Any] = {"question": question, "full": full, "restricted": restricted}
-        if not (big.converged and small.converged):
+        if not (big.comparable and small.comparable):
             return row | {"chi2": np.nan, "df": len(big.params) - len(small.params), "p": np.nan, "dAIC": np.nan}
         lr, p, df = big.compare_lr_test(small)
         return row | {"chi2": lr, "df": df, "p": p, "dAIC": big.aic - small.aic}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 Criterion = Literal["bayes", "cvar", "regret", "regret-cvar"]
 CRITERIA: tuple[Criterion, ...] = ("bayes", "cvar", "regret", "regret-cvar")
+
+FEWEST_IN_TAIL = 10
+"""Draws that a level of the frontier must look at."""
 
 REPLICATES = 200
 """Simulated data sets a study."""
@@ -104,7 +108,7 @@ class RobustStudy:
     @property
     def criterion_words(self) -> str:
         """The criterion in words."""
-        share = f"the worst {self.alpha:.0%} of the draws"
+        share = f"the worst {100 * self.alpha:.3g}% of the draws"
         return {
             "bayes": "mean over the draws",
             "cvar": f"mean of {share}",
@@ -123,9 +127,10 @@ class RobustStudy:
         enough = [row for s in self.samples for row in s.rows if row.enough and not row.silent]
         if not enough:
             return text + "."
-        best = max(enough, key=lambda row: row.worth)
-        share = best.worth / self.perfect.value if self.perfect.value > 0 else 0.0
-        return f"{text}; {best.words} would take away {share:.0%} of that."
+        best = max(enough, key=lambda row: (row.sure, row.worth))
+        low, high = (v / self.perfect.value if self.perfect.value > 0 else 0.0 for v in (best.sure, best.worth))
+        share = f"{low:.0%}" if round(100 * low) == round(100 * high) else f"{low:.0%} to {high:.0%}"
+        return f"{text}; {best.words} would take away {share} of that."
 
 
 def robust_study(
@@ -144,6 +149,7 @@ def robust_study(
     served: float | None = None,
     cost: float = 0.0,
     seed: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> RobustStudy:
     """Plan under doubt, price the shortcuts, and value what could be learned.
@@ -173,6 +179,8 @@ def robust_study(
     cost : float
         Of one participant, in reward units.
     seed : int
+    executor : concurrent.futures.Executor, optional
+        What draws, blocks and simulated data sets are spread over; threads by default.
     progress : callable, optional
         Called with the step, pieces done and pieces in all.
 
@@ -185,15 +193,18 @@ def robust_study(
         raise located("criterion", criterion, f"one of {', '.join(CRITERIA)}")
     if not (np.isfinite(alpha) and 0 < alpha <= 1):
         raise located("alpha", alpha, "a share above 0 and up to 1")
+    for name, value in (("people served", served), ("cost of a participant", cost)):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise located(name, value, "a number of at least 0")
     if cost and served is None:
         raise located("people served", None, "a number: what participants cost is set against what people gain")
 
     def told(step: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(step, done, total)
 
-    own = own_plans(schedule)
+    own = own_plans(schedule, executor)
     plan = solve_schedule(schedule)
-    perfect = perfect_information(schedule, kinds=kinds, chains=chains, sampled=sampled)
+    perfect = perfect_information(schedule, kinds=kinds, chains=chains, sampled=sampled, executor=executor)
     reference = perfect.optima if criterion.startswith("regret") else None
     level = {"bayes": 1.0, "cvar": alpha, "regret": 0.0, "regret-cvar": alpha}[criterion]
     share = mean_share if criterion == "cvar" else 0.0
@@ -207,35 +218,41 @@ def robust_study(
     prices = price(
         schedule, candidates, alpha=alpha, kinds=kinds, chains=chains, optima=perfect.optima, progress=told("plans")
     )
-    partial = partial_information(schedule, kinds=kinds, chains=chains, perfect=perfect, progress=told("blocks"))
+    partial = partial_information(
+        schedule, kinds=kinds, chains=chains, perfect=perfect, executor=executor, progress=told("blocks")
+    )
     alike: dict[tuple[int, ...], list[NextStudy]] = {}
     for one in asked:
         alike.setdefault(one.sizes, []).append(one.study)
     samples = tuple(
         sample_information(
             schedule, studies, sizes, replicates=replicates, seed=seed, kinds=kinds, served=served, cost=cost,
-            perfect=perfect, progress=told("further studies"),
+            perfect=perfect, executor=executor, progress=told("further studies"),
         )
         for sizes, studies in alike.items()
     )  # fmt: skip
+    # A tail of fewer than ten draws says more about these draws than about what is believed.
+    levels = tuple(a for a in LEVELS if a * len(perfect.groups) >= FEWEST_IN_TAIL) if sampled else LEVELS
     frontiers: dict[str, Frontier] = {}
     flips: tuple[Flip, ...] = ()
     if with_frontier:
-        frontiers["these costs"] = frontier(schedule, LEVELS, kinds=kinds, progress=told("frontier"))
+        frontiers["these costs"] = frontier(schedule, levels or (1.0,), kinds=kinds, progress=told("frontier"))
         flips = flip_points(schedule)
         flipped, together = contested(schedule)
         costs = {a: c for f in together if f.multiple is not None for a, c in f.costs.items() if c}
         if costs:
             name = f"contested costs ({', '.join(f'{a} {c:.3g}' for a, c in costs.items())})"
-            frontiers[name] = frontier(flipped, LEVELS, kinds=kinds, progress=told("contested frontier"))
+            frontiers[name] = frontier(flipped, levels or (1.0,), kinds=kinds, progress=told("contested frontier"))
+    stability = decision_stability(schedule, plan, executor=executor, kinds=kinds)
+    personal = personalised(schedule, kinds) if kinds > 1 else None
     return RobustStudy(
-        schedule, criterion, alpha, plan, chosen, own, prices, decision_stability(schedule, plan, kinds=kinds),
-        perfect, partial, samples, frontiers, flips, personalised(schedule, kinds) if kinds > 1 else None,
+        schedule, criterion, alpha, plan, chosen, own, prices, stability, perfect, partial, samples, frontiers,
+        flips, personal,
     )  # fmt: skip
 
 
 def _regret_tail(alpha: float, kinds: int) -> Candidate:
-    about = f"smallest mean regret of the worst {alpha:.0%} of the draws"
+    about = f"smallest mean regret of the worst {100 * alpha:.3g}% of the draws"
     return Candidate("small regret", about, cautious_choice(alpha, regret=True, kinds=kinds))
 
 

@@ -121,10 +121,11 @@ class ModelDraws:
             raise InputError(f"{place}: model {given.index(False)} has no weight although others have one")
         weight = None
         if all(given):
-            try:
-                weight = np.array([float(e["weight"]) for e in entries])
-            except (TypeError, ValueError):
-                raise located(f"{place}, weights", [e["weight"] for e in entries], "numbers") from None
+            for i, value in enumerate(e["weight"] for e in entries):
+                number = isinstance(value, int | float) and not isinstance(value, bool)
+                if not (number and np.isfinite(value) and value >= 0):
+                    raise located(f"{place}, model {i}, weight", value, "a number of at least 0")
+            weight = np.array([e["weight"] for e in entries], dtype=np.float64)
         return cls.from_models(models, weight, {"source": place})
 
     def model(self, draw: int) -> LatentStatePOMDP:

@@ -95,8 +95,8 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# Late decisions are safe: with few rounds left, help cannot pay for itself in any draw. The early ones are nearly a coin toss
-# between draws, and being wrong is not cheap.
+# The first decision is safe, and so are the late ones: with few rounds left, help cannot pay for itself in any draw. In
+# between, whether to help after the first responses is nearly a coin toss between draws, and being wrong is not cheap.
 #
 # ## What do the usual shortcuts cost?
 #

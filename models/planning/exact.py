@@ -18,6 +18,7 @@ from models.errors import located
 from models.planning.history_kernel import walk_tree
 from models.planning.schedule import Array, Event, Schedule
 from models.planning.schedule_tree import ScheduleTree, schedule_tree
+from models.planning.summed_walk import pays, summed_walk
 
 Decisions = tuple[NDArray[np.int8], ...]
 """A plan: the action of each event, counted within it, by the number of the responses so far."""
@@ -115,6 +116,9 @@ def solve_schedule(schedule: Schedule) -> ExactPlan:
 def walked(tree: ScheduleTree) -> ExactPlan:
     """Find the best plan over a tree that is laid out already; its start is what counts."""
     schedule = tree.schedule
+    if pays(tree):
+        found = summed_walk(tree)
+        return ExactPlan(schedule, found.value, found.first_values, tree.decisions(found.decision, found.picks))
     decision = np.zeros(tree.histories, dtype=np.int8)
     picks = np.zeros((tree.leaves, schedule.n_outcomes(tree.leaf)), dtype=np.int16)
     first = np.zeros(len(schedule.mode(0).actions))

@@ -189,3 +189,51 @@ def walk_tree(
             if k < 0:
                 return value
             total[k] += value
+
+
+@kernel
+def history_sums(tables: TreeTables, leaf: int, leaf_vectors: Array, begin: Index, totals: Array) -> None:
+    """What every choice after every history adds, summed over draws: linear, so that draws may come in portions.
+
+    Parameters
+    ----------
+    tables, leaf, leaf_vectors
+        As in `walk_tree`.
+    begin : int64[leaf + 1]
+        Where the entries of each event begin in `totals`: history by history, then one an action, or one a leaf
+        vector at event `leaf`.
+    totals : float64[.]
+        Filled; zero where a history is impossible.
+    """
+    states, draws = tables.start.shape
+    w = np.zeros((leaf + 1, states, draws))
+    w[0] = tables.start
+    scratch = np.empty(draws)
+    rewards = np.empty(tables.reward.shape[2])
+    dots = np.empty(leaf_vectors.shape[2])
+    history = np.zeros(leaf + 1, dtype=np.int64)
+    step = np.full(leaf + 1, -1)
+    totals[:] = 0.0
+    k = 0
+    while k >= 0:
+        if k == leaf:
+            products(w[k], leaf_vectors, dots)
+            at = begin[k] + history[k] * len(dots)
+            totals[at : at + len(dots)] = dots
+            k -= 1
+            continue
+        n = tables.actions[k]
+        if step[k] < 0:
+            products(w[k], tables.reward, rewards)
+            at = begin[k] + history[k] * n
+            for a in range(n):
+                totals[at + a] = rewards[tables.first[k] + a]
+        step[k] += 1
+        if step[k] == n * tables.outcomes[k]:
+            step[k] = -1
+            k -= 1
+            continue
+        action = tables.first[k] + step[k] // tables.outcomes[k]
+        if move(tables, w[k], action, step[k] % tables.outcomes[k], w[k + 1], scratch) > 0.0:
+            history[k + 1] = history[k] * n * tables.outcomes[k] + step[k]
+            k += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 
 import numpy as np
@@ -26,9 +27,6 @@ class ScheduleTree:
     schedule : Schedule
     tail : TailPlans
         Plans of the last events, which are not walked.
-    tables : TreeTables
-    leaf_vectors : float64[s, d, j]
-        What the walk multiplies with at event ``tail.leaf``.
     offset : int64[leaf + 1]
         Where the histories of each event begin.
     histories, leaves : int
@@ -37,16 +35,31 @@ class ScheduleTree:
 
     schedule: Schedule
     tail: TailPlans
-    tables: TreeTables
-    leaf_vectors: Array
     offset: NDArray[np.int64]
     histories: int
     leaves: int
+
+    @property
+    def start(self) -> Array:
+        """What the walk starts from, shape ``[d, s]``."""
+        own = self.__dict__.get("tables")
+        return self.schedule.start() if own is None else own.start.T
+
+    @cached_property
+    def tables(self) -> TreeTables:
+        """Tables of the models, draws last."""
+        return tree_tables(self.schedule)
+
+    @cached_property
+    def leaf_vectors(self) -> Array:
+        """What the walk multiplies with at event ``tail.leaf``, shape ``[s, d, j]``."""
+        return _leaf_vectors(self.schedule, self.tail)
 
     def some(self, keep: NDArray[np.int64] | slice, start: Array) -> ScheduleTree:
         r"""The tree with some of its draws only, started from other vectors.
 
         Plans of the last events are kept as they are: those that are best for some of the draws are among them.
+        What is laid out already is cut; the rest is laid out for these draws only, when it is needed.
 
         Parameters
         ----------
@@ -55,14 +68,24 @@ class ScheduleTree:
         start : float64[n, s]
             In place of :math:`P(\text{draw}, s_0)`.
         """
-        t = self.tables
-        own = t._replace(
-            start=np.ascontiguousarray(start.T),
-            transition=np.ascontiguousarray(t.transition[..., keep]),
-            emission=np.ascontiguousarray(t.emission[..., keep]),
-            reward=np.ascontiguousarray(t.reward[:, keep]),
-        )
-        return replace(self, tables=own, leaf_vectors=np.ascontiguousarray(self.leaf_vectors[:, keep]))
+        d = self.schedule.draws
+        n = len(start)
+        draws = replace(
+            d, initial=d.initial[keep], transition=d.transition[keep], emission=d.emission[keep],
+            weight=np.full(n, 1.0 / n),
+        )  # fmt: skip
+        tail = replace(self.tail, vectors=self.tail.vectors[:, keep])
+        out = replace(self, schedule=replace(self.schedule, draws=draws), tail=tail)
+        own = self.__dict__.get("tables")
+        tables = tree_tables(out.schedule) if own is None else own._replace(
+            transition=np.ascontiguousarray(own.transition[..., keep]),
+            emission=np.ascontiguousarray(own.emission[..., keep]),
+            reward=np.ascontiguousarray(own.reward[:, keep]),
+        )  # fmt: skip
+        out.__dict__["tables"] = tables._replace(start=np.ascontiguousarray(start.T))
+        if "leaf_vectors" in self.__dict__:
+            out.__dict__["leaf_vectors"] = np.ascontiguousarray(self.leaf_vectors[:, keep])
+        return out
 
     @property
     def leaf(self) -> int:
@@ -127,9 +150,7 @@ def schedule_tree(schedule: Schedule) -> ScheduleTree:
         found = Phrase(f"{schedule.n_events} events, {float(max(sum(counts), answered)):.2g} histories")
         raise located(f"schedule {schedule.letters}", found, f"at most {MOST_HISTORIES:.0e} histories")
     offset = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
-    return ScheduleTree(
-        schedule, tail, tree_tables(schedule), _leaf_vectors(schedule, tail), offset, sum(counts), counts[-1]
-    )
+    return ScheduleTree(schedule, tail, offset, sum(counts), counts[-1])
 
 
 def tree_tables(schedule: Schedule) -> TreeTables:

@@ -9,6 +9,9 @@ import numpy as np
 
 from models.robust.block_smoother import block_words
 
+FEWEST_DRAWS = 100
+"""Draws below which rules fitted on some of them say little about the others."""
+
 
 @dataclass(frozen=True)
 class BlockWorth:
@@ -70,6 +73,8 @@ class PartialInformation:
     folds : int
     chains : int or None
         Chains that the standard errors allow for; None: draws count as independent.
+    draws : int
+        Draws that rules were fitted on and scored with.
     """
 
     rows: tuple[BlockWorth, ...]
@@ -78,6 +83,12 @@ class PartialInformation:
     plans: int
     folds: int
     chains: int | None
+    draws: int = FEWEST_DRAWS
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough draws to fit rules on some and score them on others."""
+        return self.draws >= FEWEST_DRAWS
 
     @property
     def table(self) -> Any:
@@ -95,6 +106,9 @@ class PartialInformation:
     @property
     def sentence(self) -> str:
         """Which block matters most, in one sentence."""
+        if not self.enough:
+            some = "1 draw is" if self.draws == 1 else f"{self.draws} draws are"
+            return f"{some} too few to say what single blocks of the tables would be worth ({FEWEST_DRAWS} wanted)."
         best = max(self.rows, key=lambda r: r.worth)
         if best.worth <= 0:
             return (

@@ -24,7 +24,7 @@ from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanEvaluator, PlanTable
 
-MOST_OWN = 64
+MOST_OWN = 1024
 """Own plans of draws, the most believed ones, among which the best fixed model is looked for."""
 
 
@@ -129,7 +129,7 @@ def standard_candidates(
         The point estimate, of any number of states, with a reward of its own.
     more : sequence of Candidate
     """
-    share = f"{alpha:.0%} of the draws" if alpha > 0 else "draw"
+    share = f"{100 * alpha:.3g}% of the draws" if alpha > 0 else "draw"
     mixed = f", {mean_share:.0%} mean" if mean_share else ""
     out = [
         Candidate("Bayes-adaptive", "best mean over the draws; learns which draw it faces",
@@ -147,7 +147,7 @@ def standard_candidates(
     out += [
         Candidate("posterior mean", "best plan if the mean tables were true",
                   lambda s: one(_for_model(s, posterior_mean(s.draws)))),
-        Candidate("best fixed model", f"best of the plans made for one model ({MOST_OWN} draws and the mean)",
+        Candidate("best fixed model", "best of the plans made for one draw or the mean tables",
                   _fixed_model),
         Candidate("most common plan", "own plan of more draws than any other",
                   lambda s: one(own_plans(s).plans[0])),

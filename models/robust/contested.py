@@ -18,8 +18,8 @@ from models.reward import Reward, default_x
 PRECISION = 1e-12
 """Of the flip point, as a share of the multiples that it is looked for between."""
 
-SETTLED, ROUNDS = 1e-9, 100
-"""Costs of all modes are found together when none moves by more than this share; rounds at most."""
+SETTLED, ROUNDS, FULL_STEPS = 1e-9, 60, 10
+"""Costs are found together when none moves by more than this share; rounds at most, those with full steps."""
 
 LARGEST = 1024.0
 """Multiple of the costs beyond which no flip is looked for."""
@@ -49,7 +49,7 @@ class Flip:
     def sentence(self) -> str:
         """The result in one sentence."""
         if self.multiple is None:
-            return f"{self.mode}: {self.action} comes first at any cost."
+            return f"{self.mode}: {self.action} comes first at every multiple of these costs."
         at = ", ".join(f"{a} {c:.3g}" for a, c in self.costs.items() if c != 0)
         return f"{self.mode}: {self.action} comes first up to a cost of {at}, not beyond."
 
@@ -74,7 +74,8 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
     """The schedule with costs at which the first decision of every mode flips, all at once.
 
     What a mode's action is worth depends on the costs of the others, so each flip point is looked for again with
-    the others where they flip, until none moves. A mode without a flip point keeps its costs.
+    the others where they flip, until none moves. A mode that once has no flip point keeps its costs. Should flip
+    points chase each other, only that of the last mode, given the others', is a flip point in the end.
 
     Parameters
     ----------
@@ -85,29 +86,37 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
     Schedule
     tuple of Flip
         With the costs of all modes there.
-
-    Raises
-    ------
-    ArithmeticError
-        If the flip points chase each other.
     """
     modes = list(dict.fromkeys(schedule.modes))
-    costs: dict[str, float] = {}
-    for _ in range(ROUNDS):
-        moved, flips = 0.0, []
+    settled = dict.fromkeys(modes, False)
+    costs: dict[int, dict[str, float]] = {}
+    flips: dict[int, Flip] = {}
+    for number in range(ROUNDS):
+        moved = 0.0
         for m in modes:
-            own = [a.name for a in schedule.protocol.modes[m].actions]
-            others = with_costs(schedule, {a: c for a, c in costs.items() if a not in own})
-            k = schedule.modes.index(m)
-            flip = _flip(replace(others, modes=schedule.modes[k:]), m)
-            flips.append(flip)
-            if flip.multiple is not None:
-                for action, cost in flip.costs.items():
-                    moved = max(moved, abs(cost - costs.get(action, np.inf)) / max(abs(cost), 1e-9))
-                    costs[action] = cost
+            if settled[m]:
+                continue
+            others = {a: c for n, own in costs.items() if n != m for a, c in own.items()}
+            from_there = replace(with_costs(schedule, others), modes=schedule.modes[schedule.modes.index(m) :])
+            flips[m] = flip = _flip(from_there, m)
+            if flip.multiple is None:
+                settled[m] = True
+                moved = np.inf if m in costs else moved
+                costs.pop(m, None)
+                continue
+            before = costs.get(m)
+            last = number == ROUNDS - 1
+            # Halfway steps end a chase that full steps would go on with for ever.
+            step = 0.5 if before is not None and number >= FULL_STEPS and not last else 1.0
+            for action, cost in flip.costs.items():
+                old = cost if before is None else before[action]
+                new = old + step * (cost - old)
+                moved = max(moved, np.inf if before is None else abs(new - old) / max(abs(cost), 1e-9))
+                costs.setdefault(m, {})[action] = new
         if moved <= SETTLED:
-            return with_costs(schedule, costs), tuple(flips)
-    raise ArithmeticError(f"costs at which decisions flip: not settled after {ROUNDS} rounds")
+            break
+    every = {a: c for own in costs.values() for a, c in own.items()}
+    return with_costs(schedule, every), tuple(flips[m] for m in modes)
 
 
 def with_costs(schedule: Schedule, costs: dict[str, float]) -> Schedule:

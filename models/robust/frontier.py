@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from models.planning.schedule import Array, Schedule
 from models.robust.cautious import CautiousPlan, cautious_plan
 from models.robust.plan_table import PlanTable
@@ -51,26 +53,25 @@ class Frontier:
         return pd.DataFrame(self.rows())
 
     @property
-    def largest_gain(self) -> tuple[float, float]:
-        """Largest gain in the tail over the Bayes-adaptive plan, and its level."""
-        gains = [(tail(p) - bayes, p.risk.alpha) for p, bayes in zip(self.plans, self.bayes_tail, strict=True)]
-        return max(gains)
+    def largest_gain(self) -> tuple[float, CautiousPlan]:
+        """Largest gain in the tail over the Bayes-adaptive plan, and the plan that has it."""
+        gains = [tail(p) - bayes for p, bayes in zip(self.plans, self.bayes_tail, strict=True)]
+        return max(gains), self.plans[int(np.argmax(gains))]
 
     @property
     def sentence(self) -> str:
         """Whether caution changes anything, and what it costs."""
         scale = max(1.0, abs(self.plans[0].mean))
-        gain, alpha = self.largest_gain
+        gain, at = self.largest_gain
         if gain <= 1e-9 * scale:
             return "The Bayes-adaptive plan is also the cautious plan at every level: caution changes nothing here."
-        at = next(p for p in self.plans if p.risk.alpha == alpha)
         cost = max(p.mean for p in self.plans) - at.mean
         small = (
             " That is little: the spread of values comes from what people are like." if gain < 0.01 * scale else ""
         )
         return (
-            f"Caution buys at most {gain:.2g} reward units in the worst {alpha:.0%} of the draws and costs "
-            f"{cost:.2g} on average there.{small}"
+            f"Caution buys at most {gain:.2g} reward units in the worst {100 * at.risk.alpha:.3g}% of the draws "
+            f"and costs {cost:.2g} on average there.{small}"
         )
 
 

@@ -28,7 +28,7 @@ from models.errors import Phrase, located
 from models.planning.exact import Decisions
 from models.planning.schedule import Array, Schedule
 from models.robust.block_smoother import Smoother, Terms, block_features, block_names
-from models.robust.block_worth import BlockWorth, PartialInformation
+from models.robust.block_worth import FEWEST_DRAWS, BlockWorth, PartialInformation
 from models.robust.draw_error import check_chains, draw_mean
 from models.robust.draw_groups import DrawGroups
 from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
@@ -109,6 +109,7 @@ def partial_information(
         raise located(
             "perfect information, draws", Phrase(f"{len(groups)} of {groups.kinds} kinds"), "those of the schedule"
         )
+    chains = known.chains if chains is None else chains
     check_chains(len(groups), chains)
     if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
         raise located("folds", folds, "an integer of at least 2")
@@ -138,7 +139,8 @@ def partial_information(
                        x.shape[1])
         )  # fmt: skip
     pooled = beyond_rounding(np.array([groups.weight @ values.max(axis=0) - best]), scale)[0]
-    return PartialInformation(tuple(rows), known.value, float(pooled), len(every.plans), int(folds), chains)
+    return PartialInformation(tuple(rows), known.value, float(pooled), len(every.plans), int(folds), chains,
+                              len(groups) if known.sampled else FEWEST_DRAWS)  # fmt: skip
 
 
 @dataclass(frozen=True)

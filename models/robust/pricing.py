@@ -117,8 +117,8 @@ class PriceList:
         ]
         return (
             f"{best.name} is worth {best.mean:.4g} reward units a person on average and {best.cvar:.4g} in the "
-            f"worst {self.alpha:.0%} of the draws; against never helping it gains {best.gain_mean:.3g} (5% to "
-            f"95% of the draws: {best.gain_q05:.3g} to {best.gain_q95:.3g}; better in "
+            f"worst {100 * self.alpha:.3g}% of the draws; against never helping it gains {best.gain_mean:.3g} "
+            f"(5% to 95% of the draws: {best.gain_q05:.3g} to {best.gain_q95:.3g}; better in "
             f"{best.gain_probability:.0%}). "
             "Lost by " + ", ".join(f"{n} {lost[n]:.2g}" for n in named) + "."
         )  # fmt: skip

@@ -123,9 +123,14 @@ class StudyWorth:
         return not self.sampled or self.effective >= FEWEST_EFFECTIVE
 
     @property
+    def sure(self) -> float:
+        """The smaller of `worth` and `held_out`: what headlines and net benefits rest on."""
+        return self.worth if np.isnan(self.held_out) else float(np.clip(self.held_out, 0.0, self.worth))
+
+    @property
     def net(self) -> float:
-        """Worth to all people served (one, if not given) less what the participants cost."""
-        return self.worth * (1.0 if self.served is None else self.served) - self.cost * self.people
+        """What is `sure` to all people served (one, if not given) less what the participants cost."""
+        return self.sure * (1.0 if self.served is None else self.served) - self.cost * self.people
 
     @property
     def warning(self) -> str:
@@ -219,7 +224,7 @@ class SampleInformation:
         """
         shown = [r for r in self.rows if not r.silent] or list(self.rows)
         told = [r for r in shown if r.enough]
-        return max(told if any(r.worth > 0 for r in told) else shown, key=lambda r: (r.net, -r.people))
+        return max(told if any(r.sure > 0 for r in told) else shown, key=lambda r: (r.net, -r.people))
 
     @property
     def table(self) -> Any:

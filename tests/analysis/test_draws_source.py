@@ -42,7 +42,7 @@ def test_weighted_models(tmp_path):
     [
         (lambda c: [{**e, "weight": 0.3} for e in c], "sum of weights: found '1.2', wanted non-negative, sum 1"),
         (lambda c: [{**c[0], "weight": 1.0}, *c[1:]], "model 1 has no weight although others have one"),
-        (lambda c: [{**e, "weight": "much"} for e in c], "weights: found"),
+        (lambda c: [{**e, "weight": "much"} for e in c], "weight: found"),
         (lambda c: [*c[:3], model_to_dict(people(1, 2)[0])], "draw 3: found 2 states"),
         (lambda c: [*c[:3], {**c[3], "states": ["a", "b", "c"]}], "draw 3: its reward or state names differ"),
         (lambda c: [*c[:3], {**c[3], "reward": {"r": 0.1}}], "draw 3: its reward or state names differ"),

@@ -133,7 +133,7 @@ def test_from_json_takes_weights_from_all_models_or_none():
     entries[1]["weight"] = 0.75
     assert ModelDraws.from_json(entries).weight.tolist() == [0.25, 0.75]
     entries[1]["weight"] = "much"
-    with pytest.raises(InputError, match=r"^x, weights: found \[0\.25, 'much'\], wanted numbers$"):
+    with pytest.raises(InputError, match=r"^x, model 1, weight: found 'much', wanted a number of at least 0$"):
         ModelDraws.from_json(entries, "x")
 
 

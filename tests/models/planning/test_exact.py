@@ -12,19 +12,22 @@ from models.errors import InputError
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.model_files import read_model
+from models.planning import summed_walk
 from models.planning import tail_plans as tail_module
 from models.planning.evaluation import evaluate_schedule
-from models.planning.exact import history_values, solve_schedule
+from models.planning.exact import ExactPlan, history_values, solve_schedule, walked
 from models.planning.history_kernel import walk_tree
 from models.planning.latent import latent_problem
 from models.planning.mode_process import alternating
 from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
+from models.planning.schedule_tree import schedule_tree
 from models.planning.solver import solve
 from models.planning.tail_plans import MOST_PLANS, tail_plans
 from models.protocol import PUBLISHED
 from models.reward import Reward
 from tests.models.planning.schedule_cases import random_model, schedules, telling_tables
+from tests.planning_cases import sticky_draws
 from tests.random_cases import random_tables
 from tests.reference.finite_horizon import all_policies_value, expectimax, policy_value
 
@@ -273,3 +276,29 @@ def test_too_many_histories():
     model = random_model(np.random.default_rng(1), PUBLISHED, 5)
     with pytest.raises(InputError, match=r"histories, wanted at most 5e\+07"):
         solve_schedule(Schedule.of(model, "H" * 30))
+
+
+@given(schedules(max_events=5, max_draws=6))
+def test_draws_in_portions_give_the_same_plan(schedule):
+    tree = schedule_tree(schedule)
+    whole = walked(tree)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(summed_walk, "PORTION", 2)
+        found = summed_walk.summed_walk(tree)
+    assert found.value == pytest.approx(whole.value, **CLOSE)
+    assert found.first_values == pytest.approx(whole.first_values, **CLOSE)
+    plan = ExactPlan(schedule, found.value, found.first_values, tree.decisions(found.decision, found.picks))
+    assert policy_value(schedule, own_table(plan)) == pytest.approx(whole.value, **CLOSE)
+
+
+def test_many_draws_go_in_portions():
+    draws = sticky_draws(2, 5)
+    many = replace(
+        draws, initial=np.tile(draws.initial, (1500, 1)), transition=np.tile(draws.transition, (1500, 1, 1, 1)),
+        emission=np.tile(draws.emission, (1500, 1, 1, 1)), weight=np.full(3000, 1 / 3000),
+    )  # fmt: skip
+    schedule = Schedule.of(many, "HRHRH")
+    assert summed_walk.pays(schedule_tree(schedule))
+    few, all_ = solve_schedule(Schedule.of(draws, "HRHRH")), solve_schedule(schedule)
+    assert all_.value == pytest.approx(few.value, rel=1e-12)
+    assert [a.tolist() for a in all_.decisions] == [a.tolist() for a in few.decisions]

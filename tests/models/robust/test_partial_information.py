@@ -127,7 +127,7 @@ def test_one_draw_and_held_tables_are_worth_nothing():
     one = Schedule.of(contested(3, 1), "HRHRH")
     found = partial_information(one)
     assert [r.in_sample for r in found.rows] == [0.0] * len(found.rows)
-    assert "No single block" in found.sentence
+    assert "1 draw is too few" in found.sentence
     draws, _ = crossed(1, 2, 1)
     held = partial_information(Schedule.of(draws, "RH"), ["emission", "transition[help]"])
     assert held.rows[0].probabilities == 0

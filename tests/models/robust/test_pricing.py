@@ -173,7 +173,7 @@ def test_a_decision_without_a_flip_point():
     schedule = with_costs(Schedule.of(sticky_draws(3, 4), "RH"), {"help": 0.0, "no_help": 0.0})
     flip = flip_points(schedule)[0]
     assert flip.multiple is None
-    assert "any cost" in flip.sentence
+    assert "every multiple" in flip.sentence
     assert LARGEST > 100
 
 

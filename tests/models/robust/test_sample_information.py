@@ -210,11 +210,13 @@ def test_sentences():
     )
     assert row(people=1).sentence.startswith("1 more person under x")
     gains = row(served=1000, cost=2.0)
-    assert gains.net == pytest.approx(412.3)
+    assert gains.sure == pytest.approx(min(gains.worth, gains.held_out))
+    assert gains.net == pytest.approx(1000 * gains.sure - 400)
     assert gains.sentence.endswith(
-        "with 1,000 people served at a cost of 2 a participant, the study gains 412 in all."
+        f"with 1,000 people served at a cost of 2 a participant, the study gains {gains.net:.0f} in all."
     )
-    assert row(served=100, cost=2.0).sentence.endswith("the study loses 319 in all.")
+    little = row(served=100, cost=2.0)
+    assert little.sentence.endswith(f"the study loses {-little.net:.0f} in all.")
     assert "scored" not in row(held_out=float("nan")).sentence
     few = row(effective=12.3)
     assert not few.enough
@@ -226,11 +228,11 @@ def test_sentences():
 def test_the_best_study_is_net_of_its_cost():
     schedule = Schedule.of(cloud(2, 300), "HRHRH")
     free = sample_information(schedule, constant("HRH"), [2, 20, 100], replicates=100)
-    assert free.best.people == max(r.people for r in free.rows if r.enough)
+    assert free.best.sure == max(r.sure for r in free.rows if r.enough)
     dear = sample_information(schedule, constant("HRH"), [2, 20, 100], replicates=100, served=10, cost=5)
     assert dear.best.people == 2
     assert "is worth its cost" in dear.sentence
-    assert list(dear.table["net"]) == [r.worth * 10 - 5 * r.people for r in dear.rows]
+    assert list(dear.table["net"]) == [r.sure * 10 - 5 * r.people for r in dear.rows]
     assert len(free.sentences) == 1
 
 

@@ -146,7 +146,7 @@ def _lines(study: RobustStudy) -> list[str]:
     table = prices.table[columns].rename(columns=named)
     out += ["", table.to_string(index=False, float_format=lambda v: f"{v:.2f}"), ""]
     out.append("Gain: over never helping in the same draw. Held out: chosen and scored on different draws.")
-    out += [study.stability.sentence, study.perfect.sentence, study.partial.sentence]
+    out += [study.stability.weakest, study.perfect.sentence, study.partial.sentence]
     out.append(
         f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
         f"which draw it faces at most {study.learning:.3g}, over the best plan found for one model."

@@ -90,10 +90,6 @@ class DrawsSource:
         out, unseen = [], ", ".join(self.unseen or ())
         if self.forced and self.fit is not None:
             out.append(f"{self.path}: used although {self.fit.gate.sentence}")
-        if self.unused_costs:
-            out.append(
-                f"{self.path}: the cost of {', '.join(self.unused_costs)} is not used: the action is left out"
-            )
         if self.left_out:
             out.append(
                 f"{self.path}: left out {unseen}: the data hold no evidence on it, so what follows it is known "
@@ -105,6 +101,10 @@ class DrawsSource:
             out.append(
                 f"{self.path}: which actions the data hold evidence on is not known (the data are not at hand), so "
                 "none is left out"
+            )
+        if self.unused_costs:
+            out.append(
+                f"{self.path}: the cost of {', '.join(self.unused_costs)} is not used: the action is left out"
             )
         return out
 

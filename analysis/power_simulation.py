@@ -330,7 +330,7 @@ def _one_study(
     data = [binary_patterns(x, y, person) for x in (exog, exog[:, ~tested])]
     full, restricted = (maximise(patterns, rule) for patterns in data)
     top, under = (supremum(patterns, rule, best) for patterns, best in zip(data, (full, restricted), strict=True))
-    ratio = max(0.0, 2 * (top.value - under.value))  # NaN where a search did not end
+    ratio = max(0.0, 2 * (top.value - under.value))
     at = np.flatnonzero(tested)
     by_ratio = float(special.chdtrc(len(at), ratio))
     if not top.attained:

@@ -120,17 +120,20 @@ class Stability:
     @property
     def sentence(self) -> str:
         """The first decision, the least sure one, and what is learned on the way."""
-        first = self.standings[0]
+        return f"{self.standings[0].words} {self.weakest}"
+
+    @property
+    def weakest(self) -> str:
+        """The least sure decision of those that are likely to come up, and what is learned on the way."""
         likely = [x for x in self.standings if x.probability >= 0.01]
         least = min(likely, key=lambda x: x.share[x.action])
         end = [x for x in self.standings if x.event == self.schedule.n_events - 1]
         bits = sum(x.probability * x.information for x in end) / sum(x.probability for x in end)
         after = f" after {', '.join(least.responses)}" if least.responses else ""
         return (
-            f"{first.words} The least sure decision is {least.action} at event {least.event + 1}{after}: "
+            f"The least sure decision is {least.action} at event {least.event + 1}{after}: "
             f"{least.share[least.action]:.0%} agree, and where it is wrong it costs {least.regret:.2g} on average. "
-            "By the last event "
-            f"the responses have told {bits:.2g} bits of the draws."
+            f"By the last event the responses have told {bits:.2g} bits of the draws."
         )
 
 

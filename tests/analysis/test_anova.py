@@ -272,6 +272,23 @@ def test_logistic_tests_of_both_types_are_those_of_lme4(ss_type):
     assert twin.ss_type == ss_type
 
 
+def test_a_cell_at_the_ceiling_still_has_tests():
+    """Everybody in b responds at the second time: no estimate of the interaction, but its likelihood ratio."""
+    ceiling = {"a": (2, 5, 5, 8), "b": (0, 5, 0, 15), "c": (4, 6, 4, 6), "d": (2, 3, 5, 10)}
+    lme4 = {  # R 4.2.2, lme4 1.1.31: as for LME4
+        3: {"policy": 15.53599, "time": 3.979394, "policy:time": 7.74287},
+        2: {"policy": 11.24347, "time": 0.7879604, "policy:time": 7.74287},
+    }
+    for ss_type, wanted in lme4.items():
+        twin = logistic_twin(measures(binary_study(ceiling)), ss_type)
+        found = twin.table.set_index("effect")["chi_squared"].to_dict()
+        assert found == pytest.approx(wanted, abs=2e-4)
+        said = " ".join(twin.notes)
+        assert "policy b at time 1 (all 20 are 1)" in said
+        assert "no finite estimate of some effect: its tests are of the value that the likelihood rises to" in said
+        assert "left out" not in said
+
+
 def test_type_three_is_the_default_and_knows_no_order_of_groups():
     turned = {group: PATTERNS[group] for group in ("c", "a", "b")}
     one, other = (logistic_twin(measures(binary_study(p))) for p in (PATTERNS, turned))

@@ -254,7 +254,7 @@ def test_without_a_maximum_there_is_no_test(fitted):
     _, regression = fitted
 
     class NoMaximum:
-        converged, params, aic = False, (0.0, 0.0), 0.0
+        comparable, params, aic = False, (0.0, 0.0), 0.0
 
     broken = replace(regression, fits={**regression.fits, NULL: NoMaximum()})
     tests = broken.tests.set_index("question")

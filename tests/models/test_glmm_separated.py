@@ -7,12 +7,16 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from models.errors import InputError
 from models.glmm import LogisticMixedModel
+from models.glmm_comparison import aic_table
 from models.glmm_influence import influence
 from models.glmm_marginal import marginal_contrast
+from models.glmm_optimise import maximise
 from models.glmm_separation import find_separation
+from models.glmm_supremum import supremum
 from models.glmm_variance import variance_test
 from models.glmm_warnings import ConvergenceWarning, SeparationWarning
 from tests.models.test_glmm_model import study
@@ -78,6 +82,47 @@ def test_hypotheses_about_finite_coefficients_still_have_tests(both):
     table = separated.wald_test_terms().table
     assert np.isnan(table.loc["arm", "statistic"])
     assert np.isfinite(table.loc["age", "statistic"])
+
+
+def test_likelihood_ratios_are_of_what_the_likelihood_rises_to(both, data):
+    """By brute force: the likelihood with the coefficient that runs off held far out."""
+    separated, rest = both
+    assert not separated.converged
+    assert separated.comparable
+    smaller = LogisticMixedModel.from_formula("help ~ age + (1|person)", data).fit(warn=False)
+    lr, p, df = separated.compare_lr_test(smaller)
+    far = np.array(separated.params)
+    far[2] = 40.0
+    assert lr == pytest.approx(2 * (separated.model.loglike(far) - smaller.llf), abs=1e-6)
+    assert df == 2
+    assert p == pytest.approx(chi2.sf(lr, 2))
+    assert separated.llf == pytest.approx(rest.llf, abs=1e-9)
+    # Where the sd runs off as well the limit stands for quadrature's values.
+    constant = data.assign(help=data.groupby("person")["help"].transform("first"))
+    runaway, null = (
+        LogisticMixedModel.from_formula(f, constant).fit(warn=False)
+        for f in ("help ~ age + (1|person)", "help ~ 1 + (1|person)")
+    )
+    assert runaway.llf == runaway.escape.limit.value
+    assert runaway.compare_lr_test(null)[0] >= 0
+
+
+def test_fits_cut_short_have_no_place_in_the_table_of_aic(data):
+    model = LogisticMixedModel.from_formula("help ~ age + (1|person)", data)
+    ended, cut = model.fit(warn=False), model.fit(warn=False, max_iterations=1)
+    assert not cut.comparable
+    table = aic_table({"cut": cut, "ended": ended})
+    assert table.index.tolist() == ["ended", "cut"]
+    assert table.loc["cut", ["log-likelihood", "AIC", "dAIC", "weight", "BIC"]].isna().all()
+    assert table.loc["ended", "weight"] == 1.0
+
+
+def test_the_supremum_of_bare_data_is_that_of_the_fit(both, data):
+    for result in both:
+        patterns, rule = result.model.patterns, result.model.rule
+        found = supremum(patterns, rule, maximise(patterns, rule))
+        assert found.value == pytest.approx(result.llf, abs=1e-9)
+        assert found.attained == result.converged
 
 
 def test_what_is_computed_from_them(both, data):

@@ -84,7 +84,8 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         blocks.append(
             Text(f"Left out: {names}. The data hold no evidence on it; a plan would rest on the prior.", "warning")
         )
-    blocks.append(Text(study.sentence[0].upper() + study.sentence[1:]))
+    told = spoken(study.sentence)
+    blocks.append(Text(told[0].upper() + told[1:]))
     blocks += _sure(context, study, k)
     blocks += _prices(context, study, k)
     blocks += _caution(context, study, k)
@@ -113,9 +114,9 @@ def _sure(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ..
         "Every decision of the Bayes-adaptive plan, and how many draws agree with it, each acting on its own "
         "belief about the person after that history. Time runs to the right, help upwards; lines are as wide as "
         "histories are probable; bold frames act.",
-        (study.stability.sentence,), (context.origin,),
+        (spoken(study.stability.sentence),), (context.origin,),
     )  # fmt: skip
-    return Text(study.stability.sentence), tree, curves
+    return Text(spoken(study.stability.weakest)), tree, curves
 
 
 def _prices(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:

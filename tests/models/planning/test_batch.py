@@ -1,12 +1,17 @@
 """Many draws at once: all certified, the same in any number of threads, and the same as one by one."""
 
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.errors import InputError
 from models.model_draws import ModelDraws
+from models.planning import batch as planning_batch
 from models.planning.arrays import arrays_of
 from models.planning.batch import solve_draws
+from models.planning.grid_solver import DONE
 from models.planning.latent import LatentBatch
 from models.planning.solver import solve
 from models.reward import Reward, default_x
@@ -144,6 +149,45 @@ def test_settings_that_make_no_sense(batch, options, words):
 def test_without_discount_there_is_no_optimum(batch):
     with pytest.raises(InputError, match="discount of the batch: found 1"):
         solve_draws(LatentBatch(batch.draws, batch.process, 1.0))
+
+
+def test_whoever_stops_need_not_wait_for_the_others(monkeypatch):
+    def patient(problem, precision, *, time_limit, progress):
+        if problem.name == "draw 0":
+            return solve(problem, precision, time_limit=time_limit, progress=progress)
+        for _ in range(200):
+            time.sleep(0.1)
+            progress(None)
+        raise AssertionError("nobody told this thread to stop")
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planning_batch, "solve", patient)
+    monkeypatch.setattr(planning_batch, "GRID_STATES", 0)
+    few = LatentBatch(sticky_draws(2, 11), mode_processes()["alternating"], 0.5)
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        solve_draws(few, 0.1, threads=2, time_limit=20, progress=stop)
+    assert time.perf_counter() - began < 15
+
+
+def test_bounds_that_cross_are_not_passed_on(batch, monkeypatch):
+    def wrong(problem, run, *rest):
+        run.bounds[:] = 2.0, 1.0
+        return DONE
+
+    monkeypatch.setattr(planning_batch, "solve_run", wrong)
+    with pytest.raises(ArithmeticError, match="draw 0: lower bound 2 above upper bound 1"):
+        solve_draws(LatentBatch(batch.draws.thin(2), batch.process, 0.5), 0.1, threads=1)
+
+
+def test_rows_that_nearly_sum_to_one(batch):
+    draws = replace(batch.draws, transition=batch.draws.transition * (1 + 5e-10))
+    some = LatentBatch(draws, batch.process, 0.9999)
+    for d in (0, 3):
+        np.testing.assert_allclose(some.arrays(d).value, arrays_of(some._draw(d)).value, rtol=1e-14)
+        np.testing.assert_allclose(some.arrays(d).value.sum(), batch.arrays(d).value.sum(), rtol=1e-13)
 
 
 @pytest.mark.slow

@@ -110,6 +110,46 @@ def test_an_action_that_nobody_takes_loosens_nothing():
     assert solution.gap <= 1e-4 * max(abs(solution.lower), abs(solution.upper))
 
 
+@pytest.mark.parametrize("search", ["grid", "trials"])
+@pytest.mark.parametrize("worth", [1e9, -1e9])
+def test_a_state_that_nothing_leads_to_loosens_nothing(search, worth, monkeypatch):
+    if search == "trials":
+        monkeypatch.setattr(solver, "GRID_STATES", 0)
+    t, o, reward = np.zeros((3, 3, 3)), np.full((3, 3, 2), 0.5), np.full((3, 3), worth)
+    for a, choice in enumerate(standard_problem("tiger").choices[0]):
+        t[a, :2, :2] = choice.branches[0].transition.toarray()
+        o[a, :2] = choice.branches[0].emission.toarray()
+        reward[a, :2] = choice.reward
+    t[:, 2, 2] = 1.0
+    solution = solve(textbook_problem(t, o, reward, 0.95, [0.5, 0.5, 0.0]), 1e-3, time_limit=20)
+    assert solution.status == "converged"
+    assert solution.lower <= 19.37136838
+    assert solution.upper >= 19.37136837
+    assert solution.gap <= 1.1e-3 * solution.upper
+
+
+@pytest.mark.parametrize("search", ["grid", "trials"])
+def test_no_gap_at_all_is_too_much_to_ask(search, monkeypatch):
+    """The search ends when rounding is all that is left, rather than with the time."""
+    if search == "trials":
+        monkeypatch.setattr(solver, "GRID_STATES", 0)
+    solution = solve(standard_problem("tiger"), 0.0, time_limit=60)
+    assert solution.status == "stalled"
+    assert solution.gap <= 1e-7
+
+
+@pytest.mark.parametrize("search", ["grid", "trials"])
+@pytest.mark.parametrize("more", [9e-10, -9e-10, 1e-11])
+def test_rows_that_nearly_sum_to_one(search, more, monkeypatch):
+    """A chain that gains a little mass would be worth more than the highest reward for ever."""
+    if search == "trials":
+        monkeypatch.setattr(solver, "GRID_STATES", 0)
+    problem = textbook_problem([[[1 + more]]], [[[1.0]]], [[1.0]], 0.9999)
+    np.testing.assert_allclose(problem.choices[0][0].branches[0].row_sums(), 1, rtol=0, atol=1e-15)
+    solution = solve(problem, 1e-6, time_limit=5)
+    assert (solution.lower, solution.upper) == pytest.approx((1e4, 1e4), rel=1e-8)
+
+
 def test_batches_follow_the_same_rule():
     batch = LatentBatch(sticky_draws(4, 1), mode_processes()["alternating"], 0.9)
     free = batch.with_reward(Reward(default_x(4), costs={"signal": 1e9}))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from models.errors import InputError
+from models.planning import solver
 from models.planning.problem import Branch, Choice, Problem, csr
 from models.planning.problems import problem as standard_problem
 from models.planning.solver import solve
@@ -92,6 +93,17 @@ def test_interrupted_from_the_progress_callback(make, after):
     assert len(seen) == after
     assert solution.policy.value(solution.problem.initial[0], "always") >= solution.lower - 1e-8
     assert "interrupted" in solution.sentence
+
+
+def test_interrupted_while_blocks_are_looked_for(monkeypatch):
+    def interrupted(problem):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solver, "observed_part", interrupted)
+    solution = solve(sparse_problem(0, 40), 1e-3)
+    assert solution.status == "interrupted"
+    assert solution.lower <= solution.upper
+    assert solution.alpha_vectors > 0
 
 
 SIGNALLED = """

@@ -63,7 +63,8 @@ def test_a_belief_next_to_a_corner_is_not_the_corner(search, worst):
     solution = solve(problem, 1e-4, time_limit=5)
     values = reference.controller_values(problem, solution.mode, solution.choice, solution.follow)
     worth = max(v[3] for v in values)
-    assert solution.upper >= worth - 1e-9 * abs(worth)
+    # The linear solve of the reference is off by rounding of its largest value, that of ruin.
+    assert solution.upper >= worth - 1e-9 * abs(worth) - 1e-16 * problem.largest_value
     low, high = reference.tree_interval(problem, 4)
     assert solution.upper >= low
     assert solution.lower <= high

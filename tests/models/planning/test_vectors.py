@@ -11,6 +11,7 @@ from models.planning.arrays import arrays_of
 from models.planning.blind_policies import blind_vectors
 from models.planning.grid_run import blind_slots
 from models.planning.problem import Branch, Choice, Problem, csr
+from models.planning.textbook import textbook_problem
 from models.planning.vectors import (
     add_vector,
     best_since,
@@ -181,6 +182,18 @@ def test_equal_vectors_leave_one():
     number = keep_useful(vectors, arrays, np.ones(10, dtype=bool))
     assert vectors.mode[: vectors.counts[0]].tolist() == [0, 1]
     assert number.tolist() == [int(x) for x in random_graph(problem, 0, 10)[1].mode[:10]]
+
+
+def test_a_large_entry_does_not_hide_what_another_one_gains():
+    """Where ruin is possible, a small share of its value is much of every other one."""
+    problem = textbook_problem([np.eye(2)] * 2, [np.ones((2, 1))] * 2, [[1.0, -1e8], [0.9, -1e8]], 0.9999)
+    arrays = arrays_of(problem)
+    vectors = empty_vectors(arrays, 2)
+    for i, good in enumerate([9999.995, 9999.999]):
+        add_vector(vectors, 0, i, np.array([good, -1e12]), np.zeros(1, dtype=np.int32))
+    number = keep_useful(vectors, arrays, np.ones(2, dtype=bool))
+    assert number.tolist() == [0, 0]
+    assert vectors.alpha[0, 0] == 9999.999
 
 
 def test_best_vector_is_the_oldest_of_equals_and_knows_the_new_ones():

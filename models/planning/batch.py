@@ -18,7 +18,8 @@ from models.planning.grid_run import GridRun, blind_slots, new_run, solve_run
 from models.planning.grid_solver import DONE
 from models.planning.latent import LatentBatch
 from models.planning.precision import relative_gap
-from models.planning.solver import GRID_STATES, solve, tidied
+from models.planning.solution import TracePoint
+from models.planning.solver import GRID_STATES, solve, tidied, touching
 from models.work_clock import WorkClock
 
 POINTS, SLOTS = 16_384, 4_096
@@ -142,10 +143,16 @@ def solve_draws(
     modes = np.array([x for x, _, _ in first.starts()], dtype=np.int64)
     weight = np.array([p for _, p, _ in first.starts()])
     small = batch.draws.n_states <= GRID_STATES
-    done, lock = [0], threading.Lock()
+    done, lock, stopped = [0], threading.Lock(), threading.Event()
+    runs: list[GridRun] = []
     if small and len(batch):
         # Compiled before the clock of any draw starts, and by one thread.
         _attempt(batch, 0, new_run(batch.template, 64, 64 + blind_slots(batch.template)), modes, weight, 1.0, 1)
+
+    def go_on(_: TracePoint) -> None:
+        # Signals reach the main thread only; the others are told here, between steps.
+        if stopped.is_set():
+            raise KeyboardInterrupt
 
     def one(d: int) -> DrawSolution:
         began = time.thread_time()
@@ -153,9 +160,10 @@ def solve_draws(
         if small:
             if not hasattr(local, "run"):
                 local.run = new_run(batch.template, POINTS, SLOTS + blind_slots(batch.template))
+                runs.append(local.run)
             solution = _attempt(batch, d, local.run, modes, weight, precision, ROUNDS)
         if solution is None:
-            full = solve(batch.problem(d), precision, time_limit=time_limit)
+            full = solve(batch.problem(d), precision, time_limit=time_limit, progress=go_on)
             solution = DrawSolution(
                 full.lower, full.upper, full.status, 0.0, full.alpha, full.mode, full.choice, full.follow
             )
@@ -172,6 +180,9 @@ def solve_draws(
         try:
             solutions = tuple(future.result() for future in futures)
         except BaseException:
+            stopped.set()
+            for run in runs:
+                run.rounds[0] = ROUNDS  # a compiled call looks at it before every round
             for future in futures:
                 future.cancel()
             raise
@@ -187,5 +198,7 @@ def _attempt(
     status = solve_run(arrays, run, modes, beliefs, weight, precision, True, rounds, 0)
     if status != DONE:
         return None
-    kept = tidied(arrays, run.vectors)
-    return DrawSolution(float(run.bounds[0]), float(run.bounds[1]), "converged", 0.0, *kept)
+    lower, upper = map(float, run.bounds)
+    if lower > upper:
+        upper = touching(f"draw {d}", lower, upper, arrays.largest)
+    return DrawSolution(lower, upper, "converged", 0.0, *tidied(arrays, run.vectors))

@@ -47,7 +47,9 @@ def blind_vectors(problem: ProblemArrays, vectors: Vectors, most: int) -> None:
     states = problem.mode_size.sum()
     policies = combinations if every else deepest
     # Sound after every sweep, and large problems must not keep anybody waiting for digits.
-    sweeps = int(min(10_000.0, max(10.0, BLIND_WORK * deepest / (policies * (1.0 + len(problem.value))))))
+    # What a sweep looks at is mostly what end states show, where a branch has few entries of its own.
+    entries = 1.0 + len(problem.value) + len(problem.seen_value) + len(problem.row_start)
+    sweeps = int(min(10_000.0, max(10.0, BLIND_WORK * deepest / (policies * entries))))
     for number in range(policies):
         first = vectors.counts[0]
         rest = number

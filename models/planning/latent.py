@@ -17,7 +17,7 @@ from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.arrays import Array, ProblemArrays, arrays_of
 from models.planning.mode_process import ModeProcess, alternating
-from models.planning.problem import Branch, Choice, Problem, csr
+from models.planning.problem import EXACT, Branch, Choice, Problem, csr
 from models.protocol import NO_RESPONSE, Protocol
 from models.reward import Reward, default_x
 
@@ -98,6 +98,12 @@ def _table(values: Array, full: bool):  # type: ignore[no-untyped-def]
     return out
 
 
+def _summing_to_one(rows: Array) -> Array:
+    """Rows as a `models.planning.problem.Problem` takes them: divided by sums that are more than rounding off."""
+    total = rows.sum(axis=-1, keepdims=True)
+    return np.where(np.abs(total - 1) > EXACT, rows / total, rows)
+
+
 @dataclass(frozen=True)
 class LatentBatch:
     """Many draws of one model as planning problems of the same shape.
@@ -152,23 +158,20 @@ class LatentBatch:
     @cached_property
     def values(self) -> Array:
         """Entries of the transition matrices of every draw, shape ``[draw, entry]``, as in `template`."""
-        draws, protocol = self.draws, self.draws.protocol
+        protocol = self.draws.protocol
+        transition, emission = map(_summing_to_one, (self.draws.transition, self.draws.emission))
+        following = _summing_to_one(self.process.table)
         blocks = []
         a = 0
         for m, mode in enumerate(protocol.modes):
             for _ in mode.actions:
                 row = protocol.emission_index[a]
                 joint = (
-                    [draws.transition[:, a]]
+                    [transition[:, a]]
                     if row < 0
-                    else [
-                        draws.emission[:, row, :, o, None] * draws.transition[:, a]
-                        for o in range(protocol.n_responses)
-                    ]
+                    else [emission[:, row, :, o, None] * transition[:, a] for o in range(protocol.n_responses)]
                 )
-                blocks += [
-                    (p * table).reshape(len(self), -1) for table in joint for p in self.process.table[m] if p > 0
-                ]
+                blocks += [(p * table).reshape(len(self), -1) for table in joint for p in following[m] if p > 0]
                 a += 1
         return np.ascontiguousarray(np.concatenate(blocks, axis=1))
 

@@ -11,6 +11,7 @@ Blocks become modes. A start that is spread over several blocks is a mode of its
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,30 +59,46 @@ def observed_part(problem: Problem) -> ObservedPart | None:
     support = np.flatnonzero(start)
     spread = len(np.unique(label[support])) > 1
     modes = [*members, support] if spread else members
-    offered = []
-    for rows in modes:
-        row = []
-        for choice in choices:
-            branch = choice.branches[0]
-            table = branch.transition[rows]
-            branches = []
-            for k in np.unique(label[table.indices]):
-                emission = _emission(branch)[members[k]].tocsc()
-                shown = np.flatnonzero(np.diff(emission.indptr))
-                seen = tuple(branch.observations[o] for o in shown)
-                branches.append(Branch(int(k), csr(table[:, members[k]]), seen, csr(emission[:, shown])))
-            row.append(Choice(choice.action, choice.reward[rows], tuple(branches)))
-        offered.append(tuple(row))
+    offered: list[list[Choice]] = [[] for _ in modes]
+    for choice in choices:
+        branch = choice.branches[0]
+        shown = [_shown(branch, block) for block in members]
+        for row, rows in zip(offered, modes, strict=True):
+            branches = tuple(
+                Branch(k, table, *shown[k]) for k, table in _by_block(branch.transition[rows], label, members)
+            )
+            row.append(Choice(choice.action, choice.reward[rows], branches))
     initial = [np.zeros(len(rows)) for rows in modes]
     first = len(members) if spread else int(label[support[0]])
     initial[first] = start[modes[first]]
     names = [f"block {k}" for k in range(len(members))] + [START] * spread
     states = tuple(tuple(problem.states[0][s] for s in rows) for rows in modes)
     factored = Problem(
-        tuple(names), states, tuple(offered), problem.observations, tuple(initial), problem.discount, problem.name,
-        problem.costs,
+        tuple(names), states, tuple(map(tuple, offered)), problem.observations, tuple(initial), problem.discount,
+        problem.name, problem.costs,
     )  # fmt: skip
     return ObservedPart(problem, factored, tuple(modes))
+
+
+def _shown(branch: Branch, block: Index) -> tuple[tuple[int, ...], sparse.csr_array]:
+    """Observations that a block may show, and how probable each is in its states."""
+    emission = _emission(branch)[block].tocsc()
+    shown = np.flatnonzero(np.diff(emission.indptr))
+    return tuple(branch.observations[o] for o in shown), csr(emission[:, shown])
+
+
+def _by_block(
+    table: sparse.csr_array, label: Index, members: list[Index]
+) -> Iterator[tuple[int, sparse.csr_array]]:
+    """Columns of a table by the blocks they belong to, for those with entries: all taken out in one go."""
+    entries = table.tocoo()
+    block = label[entries.col]
+    order = np.argsort(block, kind="stable")
+    for part in np.split(order, np.flatnonzero(np.diff(block[order])) + 1):
+        k = int(block[part[0]])
+        column = np.searchsorted(members[k], entries.col[part])
+        shape = (table.shape[0], len(members[k]))
+        yield k, csr(sparse.coo_array((entries.data[part], (entries.row[part], column)), shape=shape))
 
 
 def _emission(branch: Branch) -> sparse.csr_array:

@@ -2,12 +2,12 @@ r"""How small a gap is small enough: one rule, for both searches, single problem
 
 A gap is told relative to the larger of the bounds' sizes. Where the best value is zero, or next to it, no gap is
 small by that rule, and what is next to zero depends on where somebody put the origin of the rewards. So a value
-counts as at least a millionth of what is at stake, the most there can be less what a policy can make sure of that
+counts as at least a billionth of what is at stake, the most there can be less what a policy can make sure of that
 looks at nothing but the mode; and as no less than rounding allows:
 
 .. math::
    \bar V - \underline V \le \epsilon \max\Big(|\underline V|, |\bar V|,
-   10^{-6}\, \frac{\max R - \min_x \max_c \min_y R_c(y)}{1 - \gamma},
+   10^{-9}\, \frac{\max R - \min_x \max_c \min_y R_c(y)}{1 - \gamma},
    10^{-11}\, \frac{\max |R|}{1 - \gamma}\Big)
 
 An action that nobody would take, however costly, puts nothing at stake.

@@ -27,8 +27,12 @@ from models.planning.belief_check import IMPOSSIBLE, TOLERANCE, checked_belief
 
 Array = NDArray[np.float64]
 
-AT_STAKE, ROUNDING = 1e-6, 1e-11
+AT_STAKE, ROUNDING = 1e-9, 1e-11
 """Values count as at least these shares of what is at stake, and of the largest value there can be."""
+
+EXACT = 1e-14
+"""Rows that miss a sum of one by more are divided by it: with a discount near one a chain that gains mass is worth
+more than the highest reward for ever, which is where upper bounds begin."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,8 @@ class Problem:
             for choice in self.choices[x]:
                 self._check_choice(x, choice)
         self._check_initial()
-        object.__setattr__(self, "choices", tuple(tuple(map(_joined, offered)) for offered in self.choices))
+        choices = tuple(tuple(_joined(_summing_to_one(c)) for c in offered) for offered in self.choices)
+        object.__setattr__(self, "choices", choices)
 
     def _check_choice(self, x: int, choice: Choice) -> None:
         place = f"{self.name}, mode {self.modes[x]}, action {choice.action}"
@@ -332,6 +337,20 @@ def _for_ever(reward: float, discount: float) -> float:
     if reward == 0:
         return 0.0
     return reward / (1 - discount) if discount < 1 else np.inf
+
+
+def _summing_to_one(choice: Choice) -> Choice:
+    """A choice whose rows sum to one but for rounding; entries stay where they are, zeros included."""
+    total = np.sum([b.row_sums() for b in choice.branches], axis=0)
+    if np.abs(total - 1).max() <= EXACT:
+        return choice
+    branches = []
+    for b in choice.branches:
+        table = sparse.csr_array(b.transition)
+        data = table.data / np.repeat(total, np.diff(table.indptr))
+        scaled = sparse.csr_array((data, table.indices, table.indptr), shape=table.shape)
+        branches.append(replace(b, transition=scaled))
+    return replace(choice, branches=tuple(branches))
 
 
 def _joined(choice: Choice) -> Choice:

@@ -60,7 +60,7 @@ def solve(
         of (`models.planning.observed_part`); with a warm start it is not.
     precision : float
         Gap wanted at the start, relative to the larger of the bounds' sizes or absolute. Values next to
-        zero count as a millionth of what is at stake (`models.planning.precision`), so that an optimum of zero has
+        zero count as a billionth of what is at stake (`models.planning.precision`), so that an optimum of zero has
         a gap that is small enough.
     relative : bool
     time_limit : float
@@ -93,26 +93,27 @@ def solve(
         raise located("time limit", time_limit, "above 0 seconds")
     if not memory_limit > 0:
         raise located("memory limit", memory_limit, "above 0 bytes")
+    clock = WorkClock()
     arrays = arrays_of(problem)
     if not np.isfinite(arrays.largest):
         wanted = "rewards whose discounted sum is a finite number"
         raise located(f"{problem.name}, largest reward divided by 1 - discount", arrays.largest, wanted)
     if warm is not None and not _same_shape(arrays, arrays_of(warm.problem)):
         raise located("warm start, problem", warm.problem.name, "a problem of the same shape")
-    part = observed_part(problem) if warm is None and problem.n_states > GRID_STATES else None
-    if part is not None:
-        inner = solve(
-            part.problem, precision, relative=relative, time_limit=time_limit, memory_limit=memory_limit,
-            progress=progress,
-        )  # fmt: skip
-        return _of_the_whole(part, arrays, inner)
-    clock = WorkClock()
     trace: list[TracePoint] = []
     lower, upper = -np.inf, np.inf
     status: Status = "stalled"
     best: Search | None = None
     searches: list[Search] = []
     try:
+        part = observed_part(problem) if warm is None and problem.n_states > GRID_STATES else None
+        if part is not None:
+            inner = solve(
+                part.problem, precision, relative=relative, time_limit=max(1e-3, time_limit - clock.wall()),
+                memory_limit=memory_limit, progress=progress,
+            )  # fmt: skip
+            whole = _of_the_whole(part, arrays, inner)
+            return replace(whole, seconds=clock.wall(), compile_seconds=clock.compile_seconds)
         for search in _turns(problem, arrays, memory_limit, warm, clock, searches):
             done = search.step(precision, relative)
             if best is None or search.lower > best.lower:

@@ -90,6 +90,7 @@ class TrialSearch:
         self._swept = NODES // 4
         self._next = -1
         self._waited = 0
+        self._known = (self.lower, self.upper)
 
     @property
     def lower(self) -> float:
@@ -116,15 +117,21 @@ class TrialSearch:
         status = run_trials(
             self.tree, self.problem, self.vectors, self.bins, self.roots, self.weight, wanted, self._work, self.room
         )
+        room = (len(self.tree.mode), len(self.vectors.mode))
         if status == 2:
             self._make_room()
         elif status == 1 and time.perf_counter() - began < PORTION:
             self._work *= 2
-        if status == 1 and (self.beliefs > GROWTH * self._swept or before == (self.lower, self.upper)):
+        # Making room by tidying alone is no progress: points of the same beliefs fill it again.
+        grown = room != (len(self.tree.mode), len(self.vectors.mode))
+        stuck = before == (self.lower, self.upper)
+        if not self.exhausted and not grown and status != 0 and (self.beliefs > GROWTH * self._swept or stuck):
             self._swept = self.beliefs
             self._next = self.beliefs - 1
-        moved = self.lower - before[0] + before[1] - self.upper
-        idle = moved <= 10 * TINY * self.problem.largest and status != 2
+        # Sweeps since the last portion count too.
+        moved = self.lower - self._known[0] + self._known[1] - self.upper
+        self._known = (self.lower, self.upper)
+        idle = moved <= 10 * TINY * self.problem.largest and not grown
         self._waited = self._waited + 1 if idle else 0
         self.exhausted = self.exhausted or self._waited >= PATIENCE
         return self.upper - self.lower <= self._wanted(precision, relative)

@@ -18,8 +18,8 @@ from models.planning.arrays import Array, Index, ProblemArrays
 from models.planning.step_kernel import look_ahead
 
 SLACK = 1e-14
-"""A vector that another one exceeds everywhere but for this share of the largest value is dominated: rounding only,
-as vectors that lead there are not valued anew."""
+"""A vector that another one exceeds everywhere but for this share of an entry is dominated: rounding only, as
+vectors that lead there are not valued anew, and a policy may come by for ever."""
 
 
 class Vectors(NamedTuple):
@@ -213,7 +213,6 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
         New number of each vector, or of the one that dominates it; -1 where it is gone.
     """
     count = vectors.counts[0]
-    slack = SLACK * problem.largest
     place = np.empty(count, dtype=np.int32)
     for i in range(count):
         place[i] = i
@@ -225,6 +224,7 @@ def keep_useful(vectors: Vectors, problem: ProblemArrays, useful: NDArray[np.boo
             below = True
             equal = True
             for y in range(size):
+                slack = SLACK * max(abs(vectors.alpha[i, y]), abs(vectors.alpha[j, y]))
                 if vectors.alpha[i, y] > vectors.alpha[j, y] + slack:
                     below = False
                     break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -142,6 +142,14 @@ class ModelDraws:
     def __len__(self) -> int:
         return self.n_draws
 
+    def some(self, keep: NDArray[np.int64] | slice) -> ModelDraws:
+        """Some of the draws, weights renormalised."""
+        weight = self.weight[keep]
+        return replace(
+            self, initial=self.initial[keep], transition=self.transition[keep], emission=self.emission[keep],
+            weight=weight / weight.sum(),
+        )  # fmt: skip
+
     def thin(self, n: int) -> ModelDraws:
         """`n` evenly spaced draws (all of them if there are fewer), weights renormalised."""
         if n < 1:
@@ -149,11 +157,7 @@ class ModelDraws:
         if n >= self.n_draws:
             return self
         keep = np.floor((np.arange(n) + 0.5) * self.n_draws / n).astype(int)
-        weight = self.weight[keep]
-        return ModelDraws(
-            self.protocol, self.initial[keep], self.transition[keep], self.emission[keep],
-            weight / weight.sum(), self.provenance, self.state_names, self.reward,
-        )  # fmt: skip
+        return self.some(keep)
 
 
 class _RowNames(Sequence[tuple[str, ...]]):

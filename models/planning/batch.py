@@ -6,8 +6,8 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,14 @@ from models.planning.latent import LatentBatch
 from models.planning.precision import relative_gap
 from models.planning.solution import TracePoint
 from models.planning.solver import GRID_STATES, solve, tidied, touching
+from models.spread_out import chunks, spread_out
 from models.work_clock import WorkClock
 
 POINTS, SLOTS = 16_384, 4_096
 """Room for one draw at first; the few that need more are solved one by one."""
+
+PORTION = 100
+"""Draws that are sent to another process at a time."""
 
 ROUNDS = 200
 """Rounds of the grid at most, before a draw is solved on its own."""
@@ -105,12 +109,13 @@ def solve_draws(
     precision: float = 1e-3,
     *,
     threads: int | None = None,
+    executor: Executor | None = None,
     time_limit: float = 60.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> BatchSolution:
     """Solve every draw of a model.
 
-    Draws are independent: results do not depend on the number of threads. The interpreter's lock is not held.
+    Draws are independent: results do not depend on who solves them. The interpreter's lock is not held.
 
     Parameters
     ----------
@@ -119,6 +124,8 @@ def solve_draws(
         Relative gap wanted.
     threads : int, optional
         As many as there are processors by default.
+    executor : concurrent.futures.Executor, optional
+        Somebody else's processes, or a cluster, instead of threads: draws are sent in portions.
     time_limit : float
         Seconds for one draw that the first attempt leaves unsolved.
     progress : callable, optional
@@ -138,6 +145,14 @@ def solve_draws(
     if threads is not None and threads < 1:
         raise located("threads", threads, "at least 1")
     clock = WorkClock()
+    if executor is not None:
+        # A portion may hold draws without weight only, and weights do not matter here.
+        even = replace(batch.draws, weight=np.full(len(batch), 1.0 / len(batch)))
+        pieces = [
+            (replace(batch, draws=even.some(span)), precision, time_limit) for span in chunks(len(batch), PORTION)
+        ]
+        parts = spread_out(executor, _portion, pieces, progress)
+        return BatchSolution(batch, sum(parts, ()), precision, clock.wall(), clock.compile_seconds)
     local = threading.local()
     first = batch.problem(0)
     modes = np.array([x for x, _, _ in first.starts()], dtype=np.int64)
@@ -187,6 +202,12 @@ def solve_draws(
                 future.cancel()
             raise
     return BatchSolution(batch, solutions, precision, clock.wall(), clock.compile_seconds)
+
+
+def _portion(piece: tuple[LatentBatch, float, float]) -> tuple[DrawSolution, ...]:
+    """Some draws on one thread of another process."""
+    batch, precision, time_limit = piece
+    return solve_draws(batch, precision, threads=1, time_limit=time_limit).solutions
 
 
 def _attempt(

@@ -25,7 +25,7 @@ from models.lspomdp import check_rows
 from models.planning.arrays import Array, Index, ProblemArrays
 from models.planning.batch import BatchSolution
 from models.planning.latent import LatentBatch
-from models.robust.spread_out import chunks, spread_out
+from models.spread_out import chunks, spread_out
 
 CHUNK = 128
 """Draws that one call works on."""

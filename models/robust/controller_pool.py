@@ -28,7 +28,7 @@ from models.planning.latent import LatentBatch
 from models.robust.controller_values import value_matrix
 from models.robust.controllers import Controller, own_controllers
 from models.robust.risk import cvar
-from models.robust.spread_out import chunks
+from models.spread_out import chunks
 
 Outcome = Literal["value", "regret", "gain"]
 """What a criterion is about: the value, minus the bound on the regret, or the gain over a named controller."""

@@ -13,7 +13,7 @@ from models.planning.arrays import Array
 from models.planning.latent import LatentBatch
 from models.robust.controllers import Controller
 from models.robust.elimination import Elimination, controller_values, elimination
-from models.robust.spread_out import chunks, spread_out
+from models.spread_out import chunks, spread_out
 
 CHUNK = 64
 """Draws side by side: a controller's blocks of so many draws stay in the processor's cache."""

@@ -16,8 +16,8 @@ from models.errors import located
 from models.planning.schedule import Array, Schedule
 from models.planning.schedule_tree import ScheduleTree, schedule_tree
 from models.robust.plan_table import unweighted
-from models.robust.spread_out import chunks
 from models.robust.weights_kernel import history_rows
+from models.spread_out import chunks
 
 ROOM = 8_000_000
 """Numbers that one block of work holds."""

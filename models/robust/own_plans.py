@@ -14,7 +14,7 @@ from models.planning.schedule import Array, Schedule
 from models.planning.schedule_tree import ScheduleTree, schedule_tree
 from models.robust.plan_kernel import own_optima
 from models.robust.plan_table import unweighted
-from models.robust.spread_out import chunks, spread_out
+from models.spread_out import chunks, spread_out
 
 CHUNK = 512
 """Draws that one call works on, so that their vectors stay in the processor's cache."""

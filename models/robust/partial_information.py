@@ -34,7 +34,7 @@ from models.robust.draw_groups import DrawGroups
 from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanTable
-from models.robust.spread_out import spread_out
+from models.spread_out import spread_out
 
 __all__ = ["BlockWorth", "PartialInformation", "partial_information"]
 

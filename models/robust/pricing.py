@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
-from models.model_draws import ModelDraws
 from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.schedule import Array, Schedule
@@ -196,17 +195,8 @@ def _held_out(schedule: Schedule, candidate: Candidate, groups: DrawGroups, half
     out = np.empty(len(groups))
     row = np.repeat(half, groups.kinds)
     for h in (0, 1):
-        own = replace(schedule, draws=some_draws(schedule.draws, np.flatnonzero(row != h)))
-        other = some_draws(schedule.draws, np.flatnonzero(row == h))
+        own = replace(schedule, draws=schedule.draws.some(np.flatnonzero(row != h)))
+        other = schedule.draws.some(np.flatnonzero(row == h))
         scored = candidate.choose(own).values(replace(schedule, draws=other))
         out[half == h] = DrawGroups(groups.weight[half == h], groups.share[half == h]).mean(scored)
     return out
-
-
-def some_draws(draws: ModelDraws, keep: NDArray[np.int64]) -> ModelDraws:
-    """Some of the draws, weights renormalised."""
-    weight = draws.weight[keep]
-    return replace(
-        draws, initial=draws.initial[keep], transition=draws.transition[keep], emission=draws.emission[keep],
-        weight=weight / weight.sum(),
-    )  # fmt: skip

@@ -32,10 +32,10 @@ from models.robust.draw_groups import DrawGroups
 from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
 from models.robust.many_weights import ManyWeights
 from models.robust.plan_table import PlanTable
-from models.robust.spread_out import chunks, spread_out
 from models.robust.study_data import counted_log_likelihood, history_probabilities, simulated_weights
 from models.robust.study_design import NextStudy
 from models.robust.study_worth import SampleInformation, Simulated, StudyWorth
+from models.spread_out import chunks, spread_out
 
 PIECE = 50
 """Simulated data sets of every study that one call works on."""

@@ -17,8 +17,8 @@ from scipy.sparse import csr_array
 from models.model_draws import ModelDraws
 from models.planning.schedule import Array
 from models.robust.draw_groups import DrawGroups
-from models.robust.spread_out import chunks
 from models.robust.study_design import NextStudy
+from models.spread_out import chunks
 
 STREAM = 611
 """First number of the spawn key of every stream of simulated participants."""

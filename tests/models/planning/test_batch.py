@@ -1,6 +1,7 @@
 """Many draws at once: all certified, the same in any number of threads, and the same as one by one."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +47,21 @@ def test_threads_change_nothing(batch, solved):
     for one, two in zip(solved.solutions, other.solutions, strict=True):
         for name in ("alpha", "mode", "choice"):
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_an_executor_changes_nothing(batch, solved, monkeypatch):
+    monkeypatch.setattr(planning_batch, "PORTION", 7)
+    weight = np.zeros(30)
+    weight[0] = 1.0
+    heavy = replace(batch, draws=replace(batch.draws, weight=weight))
+    told = []
+    with ThreadPoolExecutor(2) as pool:
+        again = solve_draws(heavy, 1e-3, executor=pool, progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (5, 5)
+    assert np.array_equal(again.lower, solved.lower)
+    assert np.array_equal(again.upper, solved.upper)
+    for a, b in zip(again.solutions, solved.solutions, strict=True):
+        assert np.array_equal(a.alpha, b.alpha)
 
 
 def test_one_by_one(batch, solved):

@@ -22,7 +22,7 @@ from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.people_draws import personalised
 from models.robust.plan_table import PlanEvaluator
-from models.robust.pricing import price, some_draws
+from models.robust.pricing import price
 from models.robust.risk import cvar, weighted_quantiles
 from models.robust.stability import decision_stability
 from tests.models.planning.schedule_cases import telling_tables
@@ -203,7 +203,7 @@ def test_kinds_of_people_are_no_draws_of_their_own():
 
 
 def test_some_draws_keep_their_relative_weights(schedule):
-    kept = some_draws(schedule.draws, np.array([3, 7]))
+    kept = schedule.draws.some(np.array([3, 7]))
     before = schedule.draws.weight[[3, 7]]
     assert kept.weight == pytest.approx(before / before.sum())
 

@@ -156,7 +156,8 @@ def solve_draws(
     local = threading.local()
     first = batch.problem(0)
     modes = np.array([x for x, _, _ in first.starts()], dtype=np.int64)
-    weight = np.array([p for _, p, _ in first.starts()])
+    # Not from the first draw's beliefs, whose sum may miss one by rounding: no draw depends on another.
+    weight = np.asarray(batch.process.start, dtype=np.float64)[modes]
     small = batch.draws.n_states <= GRID_STATES
     done, lock, stopped = [0], threading.Lock(), threading.Event()
     runs: list[GridRun] = []

@@ -95,7 +95,10 @@ def mixed_model_command(
         rows = rows_of_table(_numeric(design), formula, design)
         start, spread = {}, sd
     coefficients = start | coefficients_from(rows.columns, ratios, intercept)
-    tested = tuple(test) if test else ("signal",) if design is None else ()
+    covariates = [name for name in rows.columns if name != "Intercept"]
+    tested = tuple(test) if test else ("signal",) if design is None else tuple(covariates)
+    if not test and design is not None and len(covariates) != 1:
+        raise located("--test", "", f"at least one of {', '.join(covariates) or 'some covariates'}")
     settings = MixedModelPower(rows, coefficients, spread, tested, _sizes(people), studies, alpha, seed=seed)
     with progress.shown(options.quiet) as watch:
         result = mixed_model_power(settings, progress=watch)

@@ -42,8 +42,9 @@ from models.glmm_optimise import maximise
 from models.glmm_pickle import restore, state_of
 from models.glmm_plain import PlainDesign
 from models.glmm_prediction import predict_rows
-from models.glmm_results import LogisticMixedResults, LogisticMixedResultsWrapper
+from models.glmm_results import LogisticMixedResults
 from models.glmm_table import check_missing, check_rows_left, is_used, numeric_table, read_table
+from models.glmm_wrapper import LogisticMixedResultsWrapper
 
 DEFAULT_NODES = 25
 """Quadrature nodes where none are asked for."""

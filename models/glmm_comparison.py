@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,8 +33,7 @@ def likelihood_ratio(full: LogisticMixedResults, restricted: LogisticMixedResult
     full, restricted = unwrapped(full), unwrapped(restricted)
     check_comparable(full, restricted)
     for name, results in (("full", full), ("restricted", restricted)):
-        if not results.converged:
-            raise located(f"{name} model", Phrase("a fit without a maximum"), "a fit that converged")
+        _check_ended(f"{name} model", results)
     big, small = full.model.exog, restricted.model.exog
     df = big.shape[1] - small.shape[1]
     if df <= 0:
@@ -53,6 +53,12 @@ def likelihood_ratio(full: LogisticMixedResults, restricted: LogisticMixedResult
         )
     lr = max(0.0, 2.0 * (full.llf - restricted.llf))
     return float(lr), float(chi2.sf(lr, df)), int(df)
+
+
+def _check_ended(where: str, results: LogisticMixedResults) -> None:
+    """Refuse a fit whose log-likelihood is not the highest that the likelihood takes or tends to."""
+    if not results.comparable:
+        raise located(where, Phrase("a fit without a maximum"), "a fit that converged")
 
 
 def check_comparable(first: LogisticMixedResults, second: LogisticMixedResults) -> None:
@@ -102,6 +108,10 @@ def about_fixed_effects(r_matrix: Any, names: Sequence[str]) -> Any:
     """
     from statsmodels.formula._manager import FormulaManager
 
+    if isinstance(r_matrix, str):
+        r_matrix = _unchained(r_matrix)
+    elif isinstance(r_matrix, list) and all(isinstance(text, str) for text in r_matrix):
+        r_matrix = [_unchained(text) for text in r_matrix]
     given = r_matrix[0] if isinstance(r_matrix, tuple) else r_matrix
     wanted = f"names and numbers of {', '.join(names)}"
     if isinstance(given, str) or (isinstance(given, list) and given and isinstance(given[0], str)):
@@ -126,6 +136,31 @@ def about_fixed_effects(r_matrix: Any, names: Sequence[str]) -> Any:
     return r_matrix
 
 
+def _unchained(text: str) -> str:
+    """Hypotheses with one equality sign each: of ``a = b = 0`` formulaic, unlike patsy, tests only ``a = b``.
+
+    Examples
+    --------
+    >>> _unchained("x = z = 0, C(g, levels=['u', 'v'])[T.v] = 1")
+    "x = z, z = 0, C(g, levels=['u', 'v'])[T.v] = 1"
+    """
+    parts: list[list[str]] = [[""]]
+    depth = 0
+    for letter in text:
+        depth += (letter in "([{") - (letter in ")]}")
+        if depth == 0 and letter == ",":
+            parts.append([""])
+        elif depth == 0 and letter == "=":
+            parts[-1].append("")
+        else:
+            parts[-1][-1] += letter
+    if all(len(sides) <= 2 for sides in parts):
+        return text
+    sides = [[side.strip() for side in part] for part in parts]
+    links = [link for part in sides for link in (pairwise(part) if len(part) > 1 else [part])]
+    return ", ".join(" = ".join(link) for link in links)
+
+
 def untestable(r_matrix: Any, names: Sequence[str], unbounded: NDArray[np.bool_]) -> int:
     """Number of hypotheses, if any of them is about a parameter without a finite estimate; else 0."""
     from statsmodels.formula._manager import FormulaManager
@@ -146,18 +181,20 @@ def aic_table(fits: dict[str, Any] | Sequence[Any]) -> pd.DataFrame:
     -------
     DataFrame
         ``parameters``, ``log-likelihood``, ``AIC``, ``dAIC`` (above the best), ``weight``
-        (:math:`e^{-dAIC/2}`, normalised), ``BIC`` (logarithm of rows).
+        (:math:`e^{-dAIC/2}`, normalised), ``BIC`` (logarithm of rows). NaN, and last, for fits without a maximum.
     """
     named = fits if isinstance(fits, dict) else {str(getattr(f.model, "formula", i)): f for i, f in enumerate(fits)}
     results = [unwrapped(fit) for fit in named.values()]
     for other in results[1:]:
         check_comparable(results[0], other)
+    # A likelihood that is none has no place in the order.
+    values = np.array([[r.llf, r.aic, r.bic] if r.comparable else [np.nan] * 3 for r in results])
     table = pd.DataFrame(
         {
             "parameters": [len(r.params) for r in results],
-            "log-likelihood": [r.llf for r in results],
-            "AIC": [r.aic for r in results],
-            "BIC": [r.bic for r in results],
+            "log-likelihood": values[:, 0],
+            "AIC": values[:, 1],
+            "BIC": values[:, 2],
         },
         index=pd.Index(list(named), name="model"),
     )

@@ -18,14 +18,12 @@ from scipy.stats import chi2
 
 from models.glmm_data import Array, Likelihood, Patterns, Rule
 from models.glmm_exact import exact_log_likelihood
+from models.glmm_exact_maximum import exact_maximum
 from models.glmm_limit import Limit, find_limit
 from models.glmm_optimise import Maximum, maximise
 from models.glmm_profile import profile_intervals
 from models.glmm_robust import sandwich
 from models.glmm_separation import Separation, find_separation
-
-FINE_NODES = 51
-"""Nodes under which finite maxima are looked for where the likelihood has a limit at infinity."""
 
 NO_LOWER = 1e-3
 """A likelihood at infinity this close below every finite one, or above it, leaves no estimate."""
@@ -75,6 +73,15 @@ class Escape:
     def positions(self) -> list[int]:
         """Parameters of `rest` that are parameters of the fit, as positions there (the sd last)."""
         return [i for i, c in enumerate(self.columns) if not self.unbounded[c]] + [len(self.columns)]
+
+    def supremum(self, best: Maximum) -> float:
+        """What the log-likelihood rises to, or is at its maximum; NaN where the search for that did not end."""
+        if self.within_groups and self.limit is not None:
+            return self.limit.value
+        if self.separation is not None and self.rest is None:
+            return best.value  # rows that are left tell nothing of a variance, and the search has come close
+        source = best if self.rest is None else self.rest
+        return source.value if source.converged else np.nan
 
     def without_data(self) -> Escape:
         """The same without anything of the size of the data."""
@@ -149,7 +156,7 @@ def find_escape(patterns: Patterns, rule: Rule, best: Maximum, names: Sequence[s
     limit = find_limit(data, rest.coordinates)
     if limit is None:
         return found
-    finite = _highest_finite(data, rule, rest)
+    finite = _highest_finite(data, rest)
     if limit.value < finite - NO_LOWER:
         return replace(found, limit=limit, finite=finite)
     signs = everything.signs.copy()
@@ -161,14 +168,13 @@ def find_escape(patterns: Patterns, rule: Rule, best: Maximum, names: Sequence[s
     return replace(everything, limit=limit, within_groups=True, finite=finite, signs=signs, columns=tuple(columns))
 
 
-def _highest_finite(patterns: Patterns, rule: Rule, best: Maximum) -> float:
-    """Highest exact log-likelihood at the ends of all searches, under this rule and a fine one."""
-    points = [best.theta, *(s.theta for s in best.searches if not s.joined)]
-    if rule.n_nodes < FINE_NODES:
-        fine = maximise(patterns, Rule.hermite(FINE_NODES))
-        points += [fine.theta, *(s.theta for s in fine.searches if not s.joined)]
-    points.append(np.append(best.pooled_beta, 0.0))
-    return max(exact_log_likelihood(patterns, theta) for theta in points if np.isfinite(theta).all())
+def _highest_finite(patterns: Patterns, best: Maximum) -> float:
+    """Highest exact log-likelihood at finite parameters.
+
+    Maximised, not only evaluated where searches ended: quadrature's own maxima may draw all of them away from it.
+    """
+    working = best.coordinates.patterns(patterns)
+    return max(best.pooled_value, exact_log_likelihood(working, best.top), exact_maximum(working, best).value)
 
 
 def _tells_variance(patterns: Patterns) -> bool:

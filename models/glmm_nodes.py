@@ -1,14 +1,16 @@
 """How much an estimate depends on the number of quadrature nodes.
 
 K nodes are held against 2 K + 1. One Newton step from the estimate tells how far the estimate would move; where
-that step is not small, the model is fitted again with the finer rule, from where it stands. With
-thousands of distinct groups both rules are compared on a part of them.
+that step is not small, the model is fitted again with the finer rule. With thousands of distinct groups both rules
+are compared on a part of them. Where the two rules give different likelihoods, both are held against the exact one
+(`models.glmm_exact`): quadrature makes maxima of its own at large standard deviations, from which a finer rule
+finds back no better than the first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +18,10 @@ import pandas as pd
 
 from models.glmm_climb import FAR, climb
 from models.glmm_data import MANY, Likelihood, Patterns, Rule
+from models.glmm_exact import exact_log_likelihood
+from models.glmm_exact_maximum import exact_maximum
 from models.glmm_input import kept, unwrapped
-from models.glmm_optimise import PART, Maximum, maximise
+from models.glmm_optimise import FEW_NODES, PART, Maximum, maximise
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -32,9 +36,19 @@ TOLERATED = 0.01
 """Change of the standard deviation, in its standard errors, above which a fit is called dependent on the rule."""
 
 
+DISAGREE = 0.01
+"""Difference of the log-likelihoods by the two rules above which the exact one is asked."""
+
+WRONG = 0.05
+"""Error of the log-likelihood above which a fit is told so."""
+
+LOWER = 0.125
+"""How far the exact log-likelihood at an estimate may be below its maximum: about half a standard error."""
+
+
 @dataclass(frozen=True)
 class NodeCheck:
-    """The standard deviation under a rule and under one with 2 K + 1 nodes.
+    """The standard deviation under a rule and under one with 2 K + 1 nodes, and both against the exact likelihood.
 
     Attributes
     ----------
@@ -45,6 +59,13 @@ class NodeCheck:
         Of `sd`; NaN on the boundary.
     refitted : bool
         Whether `finer_sd` comes from a new fit, not from one Newton step.
+    log_likelihood : float
+        Under the rule, at the estimate.
+    exact : float
+        Without quadrature error, at the estimate; NaN where the two rules agree on it.
+    best_exact, best_sd : float
+        Highest exact log-likelihood of any parameters, and the standard deviation there; NaN where `exact` is
+        within `WRONG` of `log_likelihood`, and under few nodes, which are an approximation by choice.
     """
 
     nodes: int
@@ -53,6 +74,10 @@ class NodeCheck:
     finer_sd: float
     standard_error: float
     refitted: bool
+    log_likelihood: float = np.nan
+    exact: float = np.nan
+    best_exact: float = np.nan
+    best_sd: float = np.nan
 
     @property
     def change(self) -> float:
@@ -65,38 +90,78 @@ class NodeCheck:
         return bool(abs(self.change) > TOLERATED * self.standard_error)
 
     @property
+    def wrong(self) -> bool:
+        """Whether the log-likelihood that the rule gives is off by more than `WRONG`."""
+        return bool(abs(self.log_likelihood - self.exact) > WRONG)
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether the likelihood has its maximum elsewhere, half a standard error away or more."""
+        return bool(self.best_exact - self.exact > LOWER)
+
+    @property
     def text(self) -> str:
         """The check in a sentence."""
         rule = "Laplace" if self.nodes == 1 else f"{self.nodes} nodes"
-        return f"sd {self.sd:.5g} with {rule}, {self.finer_sd:.5g} with {self.finer_nodes} ({self.change:+.1e})"
+        text = f"sd {self.sd:.5g} with {rule}, {self.finer_sd:.5g} with {self.finer_nodes} ({self.change:+.1e})"
+        if self.wrong:
+            text += f"; the log-likelihood there is {self.exact:.4f} exactly, not {self.log_likelihood:.4f}"
+        if np.isfinite(self.best_exact):
+            text += f", and has its maximum, {self.best_exact:.4f}, at sd {self.best_sd:.5g}"
+        return text
 
 
-def check_nodes(patterns: Patterns, rule: Rule, best: Maximum) -> NodeCheck:
-    """Compare the standard deviation with that under 2 K + 1 nodes."""
+def check_nodes(patterns: Patterns, rule: Rule, best: Maximum, exact: bool = True) -> NodeCheck:
+    """Compare the standard deviation with that under 2 K + 1 nodes, and the likelihood with the exact one.
+
+    The two rules' log-likelihoods at the estimate, which cost nothing more, show whether quadrature can be believed
+    there: only where they differ is the exact one computed, and if that differs too, maximised; neither where
+    `exact` is False, as for fits that are known to have no maximum.
+    """
     sd, finer = float(best.theta[-1]), Rule.hermite(2 * rule.n_nodes + 1)
+    check = NodeCheck(rule.n_nodes, finer.n_nodes, sd, np.nan, np.nan, False, best.value)
     if best.boundary:  # without a variance every rule is exact
-        return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd, np.nan, False)
+        return replace(check, finer_sd=sd)
     patterns, top = best.coordinates.patterns(patterns), best.top
+    many = patterns.n_patterns > MANY
+    # What the rule does to the estimate is seen as well on a part of the groups, both rules on the same part.
+    part = patterns.part(PART) if many else patterns
+    likelihood = Likelihood(part, finer)
+    value, gradient = likelihood(top)
+    ours = Likelihood(part, rule)(top)[0] if many else best.value
+    if exact and abs(value - ours) > DISAGREE:
+        check = _against_exact(patterns, best, check)
     try:
         inverse = np.linalg.inv(-best.curvature)
     except np.linalg.LinAlgError:
-        return NodeCheck(rule.n_nodes, finer.n_nodes, sd, np.nan, np.nan, False)
-    error = float(np.sqrt(max(inverse[-1, -1], 0.0)))
-    if patterns.n_patterns > MANY:
-        # What the rule does to the estimate is seen as well on a part of the groups, both rules on the same part.
-        part = patterns.part(PART)
-        ours, other = (
+        return check
+    check = replace(check, standard_error=float(np.sqrt(max(inverse[-1, -1], 0.0))))
+    if many:
+        before, after = (
             climb(Likelihood(part, r), top, inverse=inverse, stop=PRECISION).theta[-1] for r in (rule, finer)
         )
-        return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(other - ours), error, True)
-    likelihood = Likelihood(patterns, finer)
-    _, gradient = likelihood(top)
+        return replace(check, finer_sd=sd + float(after - before), refitted=True)
     step = inverse @ gradient
-    if gradient @ step <= SMALL_STEP**2:
-        return NodeCheck(rule.n_nodes, finer.n_nodes, sd, sd + float(step[-1]), error, False)
+    if gradient @ step <= SMALL_STEP**2 and not check.elsewhere:
+        return replace(check, finer_sd=sd + float(step[-1]))
     far = gradient @ step > FAR**2  # too far for what the other rule's curvature says
     again = climb(likelihood, top, inverse=None if far else inverse, stop=PRECISION)
-    return NodeCheck(rule.n_nodes, finer.n_nodes, sd, float(again.theta[-1]), error, True)
+    found = float(again.theta[-1])
+    if check.wrong and rule.n_nodes > FEW_NODES:
+        # From here a search stays on the rule's own hill; the finer rule's fit may be on another.
+        own = maximise(patterns, finer)
+        if exact_log_likelihood(patterns, own.top) > exact_log_likelihood(patterns, again.theta):
+            found = float(own.theta[-1])
+    return replace(check, finer_sd=found, refitted=True)
+
+
+def _against_exact(patterns: Patterns, best: Maximum, check: NodeCheck) -> NodeCheck:
+    """The same with the exact log-likelihood at the estimate, and where that is another, its maximum."""
+    check = replace(check, exact=exact_log_likelihood(patterns, best.top))
+    if not check.wrong or check.nodes <= FEW_NODES:
+        return check
+    peak = exact_maximum(patterns, best)
+    return replace(check, best_exact=peak.value, best_sd=float(peak.theta[-1]))
 
 
 def node_table(results: LogisticMixedResults, nodes: Sequence[int] = (1, 3, 7, 15, 25, 51, 101)) -> pd.DataFrame:

@@ -51,9 +51,14 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
             )
         if not best.converged and not escape.within_groups:
             why = "every search was cut short, or ended where the curvature is that of no maximum"
-            if np.isfinite(best.step):
+            if results.node_check.elsewhere:
+                why = "quadrature's error has moved it, as the next note says; a fit with more nodes comes closer"
+            elif np.isfinite(best.step):
                 why = f"the step left is {best.step:.1e} standard errors"
             notes.append(Note(ConvergenceWarning, f"no maximum found: {why}"))
+    check = results.node_check
+    if check.wrong and not escape.within_groups:
+        notes.append(Note(QuadratureWarning, f"quadrature is not to be believed here: {check.text}"))
     if escape.any or not best.converged:
         return tuple(notes)  # what follows is said of a maximum
     if escape.limit is not None and escape.finite - escape.limit.value < REACH:
@@ -79,8 +84,7 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
         notes.append(
             Note(SeveralMaximaWarning, f"the likelihood has several maxima: {listed}; the first is reported")
         )
-    check = results.node_check
-    if check.dependent or not np.isfinite(check.finer_sd):
+    if not check.wrong and (check.dependent or not np.isfinite(check.finer_sd)):
         notes.append(Note(QuadratureWarning, f"the estimate depends on the number of nodes: {check.text}"))
     return tuple(notes)
 

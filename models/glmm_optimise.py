@@ -128,7 +128,7 @@ def maximise(
     working = coordinates.patterns(patterns)
     likelihood = Likelihood(working, rule)
     pooled, pooled_value = pooled_logistic(working)
-    points = [np.append(pooled * np.sqrt(1 + (0.588 * sd) ** 2), sd) for sd in starts]
+    points = [stretched(pooled, sd) for sd in starts]
     if start_params is not None:
         points.insert(0, coordinates.forward(start_params))
     if working.n_patterns > MANY:
@@ -169,6 +169,11 @@ def maximise(
         theta,
         hessian,
     )
+
+
+def stretched(pooled: Array, sd: float) -> Array:
+    """A point to start from: pooled coefficients, undoing what a random intercept of that size attenuates."""
+    return np.append(pooled * np.sqrt(1 + (0.588 * sd) ** 2), sd)
 
 
 def _polish(

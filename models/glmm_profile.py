@@ -25,6 +25,13 @@ CLOSE = 1e-6
 """Relative precision of the signed root at an end."""
 
 
+NEAR_ZERO = 1e-3
+"""Standard deviation below which an inner search may have stayed at zero only because it started there."""
+
+AWAY = 1.0
+"""Standard deviation from which another starts then."""
+
+
 @dataclass(frozen=True)
 class _Peak:
     """The maximum in coordinates of which one is the parameter to profile."""
@@ -129,6 +136,11 @@ def _root(peak: _Peak, index: int, value: float, start: Array) -> tuple[float, f
     theta = np.array(start, float)
     theta[index] = value
     search = climb(peak.likelihood, theta, fixed=index, inverse=peak.inverse)
+    if peak.boundary and index != len(theta) - 1 and search.theta[-1] < NEAR_ZERO:
+        # At zero the slope in the sd vanishes, and a search stays there even where a positive one is higher.
+        theta[-1] = AWAY
+        other = climb(peak.likelihood, theta, fixed=index)
+        search = max(search, other, key=lambda s: s.value)
     point = search.theta.copy()
     fall = 2.0 * (peak.value - search.value)
     root = float(np.sqrt(max(fall, 0.0)))

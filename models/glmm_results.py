@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
 from statsmodels.base import model as base
-from statsmodels.base import wrapper as wrap
 from statsmodels.stats.contrast import ContrastResults
 from statsmodels.tools._decorators import cache_readonly
 
@@ -44,7 +44,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     escape : Escape
         Which parameters have no finite estimate (separated data): NaN stands for their errors and intervals.
     node_check : NodeCheck
-        The standard deviation against that under 2 K + 1 nodes.
+        The standard deviation against that under 2 K + 1 nodes, and the log-likelihood against the exact one.
     sizes : GroupSizes
         Trials of the groups.
     has_offset : bool
@@ -63,8 +63,16 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         if cov_type not in KINDS:
             raise located("cov_type", cov_type, "'model' or 'robust'")
         self._cache: dict[str, Any] = {}  # remove_data() wants it before anything is cached
+        escape = find_escape(model.patterns, model.rule, maximum, [str(n) for n in model.exog_names])
+        self.node_check: NodeCheck = check_nodes(
+            model.patterns, model.rule, maximum, exact=not escape.within_groups
+        )
+        if self.node_check.elsewhere:
+            # A maximum of the quadrature's own making is none.
+            maximum = replace(maximum, converged=False)
+            escape = replace(escape, rest=escape.rest and replace(escape.rest, converged=False))
         self.maximum = maximum
-        self.escape: Escape = find_escape(model.patterns, model.rule, maximum, [str(n) for n in model.exog_names])
+        self.escape: Escape = escape
         self.notes: tuple[Note, ...] = ()
         self.nobs = model.nobs
         self.df_model, self.df_resid = model.df_model, model.df_resid
@@ -73,7 +81,6 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         if cov_type == "robust":
             self.cov_params_default = self._covariance(model, "robust")
         self.sizes, self.has_offset = GroupSizes.of(model), bool(model.offset.any())
-        self.node_check: NodeCheck = check_nodes(model.patterns, model.rule, maximum)
 
     def _covariance(self, model: LogisticMixedModel, kind: str) -> Array:
         return self.escape.covariance(self.maximum, model.rule, model.patterns, kind)
@@ -84,8 +91,21 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     # -- estimates ---------------------------------------------------------------------------------
     @property
     def converged(self) -> bool:
-        """Whether a maximum was found; not where the standard deviation runs to infinity with the coefficients."""
+        """Whether a maximum was found.
+
+        Not where the standard deviation runs to infinity with the coefficients, nor where the likelihood has its
+        maximum elsewhere and quadrature's error made this one.
+        """
         return self.maximum.converged and not self.escape.within_groups
+
+    @property
+    def comparable(self) -> bool:
+        """Whether `llf` is the highest that the likelihood takes or tends to, so that it can be compared.
+
+        Also where a parameter runs off (separated data); not where a search did not end, and not where quadrature's
+        error made the maximum.
+        """
+        return bool(np.isfinite(self.escape.supremum(self.maximum)) and not self.node_check.elsewhere)
 
     @property
     def boundary(self) -> bool:
@@ -104,8 +124,12 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
 
     @property
     def llf(self) -> float:
-        """Log-likelihood, binomial coefficients included; comparable only under the same quadrature rule."""
-        return self.maximum.value
+        """Log-likelihood, binomial coefficients included; comparable only under the same quadrature rule.
+
+        Where parameters run off, what it rises to: where they stopped it is lower, or the quadrature's error.
+        """
+        value = self.escape.supremum(self.maximum)
+        return value if np.isfinite(value) else self.maximum.value
 
     @cache_readonly
     def bse(self) -> Array:
@@ -236,6 +260,9 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     def compare_lr_test(self, restricted: Any) -> tuple[float, float, int]:
         """Likelihood-ratio test against a model nested in this one: ``(lr, p, df)``.
 
+        Defined also where a coefficient has no finite estimate, and Wald's test none: by what the likelihood rises
+        to.
+
         Raises
         ------
         InputError
@@ -342,14 +369,3 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         """
         check_alpha(alpha)
         return summary_of(self, alpha, method, title)
-
-
-class LogisticMixedResultsWrapper(base.LikelihoodResultsWrapper):
-    """Results whose vectors and matrices carry the names of parameters."""
-
-    _wrap_attrs = wrap.union_dicts(
-        base.LikelihoodResultsWrapper._wrap_attrs, {"fe_params": ("generic_columns", "xnames")}
-    )
-
-
-wrap.populate_wrapper(LogisticMixedResultsWrapper, LogisticMixedResults)

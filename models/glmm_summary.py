@@ -72,6 +72,8 @@ def summary_of(results: LogisticMixedResults, alpha: float, method: str, title: 
     criteria = [f"{value:.4f}" for value in (results.llf, results.aic, results.bic)]
     if escape.within_groups and escape.limit is not None:
         criteria = [f"rises to {escape.limit.value:.4f}", "none", "none"]
+    elif results.node_check.wrong:
+        criteria[0] += f" (exactly {results.node_check.exact:.4f})"
     header = {
         "Model:": "Logistic mixed model",
         "Outcome:": model.outcome_name,

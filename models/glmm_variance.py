@@ -79,7 +79,9 @@ def variance_test(results: Any, method: str = "chibar", draws: int = 499, seed: 
     model, best = results.model, results.maximum
     if results.escape.unbounded[-1]:
         raise located("variance_test", Phrase("a standard deviation that runs off"), "a fit with a maximum")
-    lr = max(0.0, 2.0 * (best.value - best.pooled_value))
+    exact = results.node_check.best_exact
+    # Without a variance every rule is exact, and quadrature's own maxima are none.
+    lr = max(0.0, 2.0 * ((exact if np.isfinite(exact) else best.value) - best.pooled_value))
     if best.boundary:
         lr = 0.0
     if method == "chibar":

@@ -236,7 +236,7 @@ def test_simulated_power_can_be_stored_as_evidence(tmp_path, capsys):
     found = read_evidence("power", tmp_path)
     assert not found.stale
     assert found.content["curve"] == content["curve"]
-    assert found.content["modules"] == ["models.glmm_optimise"]
+    assert found.content["modules"] == ["models.glmm_optimise", "models.glmm_supremum"]
     # The command that is stored makes the same numbers.
     again = result_of(capsys, *shlex.split(found.content["command"])[1:])
     assert again["curve"] == content["curve"]
@@ -253,6 +253,16 @@ def test_mixed_model_under_a_design_of_ones_own(tmp_path, capsys):
     )  # fmt: skip
     assert content["assumptions"]["design"].startswith("the 2 people of ")
     assert content["curve"][0]["power"] > 0.3
+
+
+def test_the_only_covariate_of_a_design_is_the_one_that_is_tested(tmp_path, capsys):
+    path = tmp_path / "design.csv"
+    path.write_text("who,dose,age\na,0,1\na,1,2\nb,0,4\nb,2,3\n")
+    options = ("--sd", 0.5, "--intercept", 0, "--odds-ratio", "dose=3", "--people", "40", "--studies", 2)
+    head = ("power", "mixed-model", "--design", path, "--formula")
+    assert result_of(capsys, *head, "y ~ dose + (1|who)", *options)["assumptions"]["tested"] == ["dose"]
+    assert run(*head, "y ~ dose + age + (1|who)", *options, "--odds-ratio", "age=1") == 2
+    assert "--test: found '', wanted at least one of dose, age" in capsys.readouterr().err
 
 
 def test_contraction_json(tmp_path, capsys, monkeypatch):

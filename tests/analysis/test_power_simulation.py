@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import special, stats
+from scipy import optimize, special, stats
 
 from analysis.design import study1_design
 from analysis.power_contraction import (
@@ -18,9 +18,12 @@ from analysis.power_contraction import (
 )
 from analysis.power_curves import reached, wilson_interval
 from analysis.power_simulation import (
+    STREAM,
     STUDY1_SD,
     STUDY1_TRUTH,
     MixedModelPower,
+    _one_study,
+    binary_patterns,
     coefficients_from,
     mixed_model_power,
     rows_of_table,
@@ -28,6 +31,8 @@ from analysis.power_simulation import (
 )
 from analysis.simulate import simulate_study1
 from models.errors import InputError
+from models.glmm_data import Likelihood, Rule
+from models.glmm_optimise import maximise
 from models.lspomdp import LatentStatePOMDP
 from models.nuts import NutsSettings
 from models.protocol import PUBLISHED
@@ -133,6 +138,44 @@ def test_studies_without_a_maximum_count_as_not_significant_and_are_said():
     assert (result.table["without_maximum"] > 0.5).all()
     assert (result.table["power"] < 0.5).all()
     assert "had no maximum" in result.sentence(0.8)
+
+
+def test_separated_studies_have_a_likelihood_ratio():
+    """Few people and a large effect: often nobody fails under it, which is no reason to call it not significant."""
+    result = mixed_model_power(settings(tested=("robot_help",), people=(20,), studies=100))
+    rows = result.table.set_index("test")
+    assert rows.loc["wald", "without_maximum"] > 0.2
+    assert rows.loc["likelihood_ratio", "without_maximum"] < 0.1
+    assert rows.loc["likelihood_ratio", "power"] > rows.loc["wald", "power"] + 0.15
+
+
+def test_a_separated_study_has_the_p_of_its_suprema():
+    """By the likelihood itself, with the coefficient that runs off held far out."""
+    plan = settings(tested=("robot_help",), people=(20,))
+    beta = np.array([plan.coefficients[name] for name in plan.design.columns])
+    rule, tested = Rule.hermite(plan.nodes), np.array([name == "robot_help" for name in plan.design.columns])
+    checked = 0
+    for index in range(40):
+        rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(STREAM, 20, index)))
+        exog, y, person = plan.design.respond(20, beta, plan.sd, rng)
+        wald, p, _ = _one_study(20, plan, index)
+        full, null = (binary_patterns(x, y, person) for x in (exog, exog[:, ~tested]))
+        helped = y[exog[:, tested][:, 0] == 1]
+        below = maximise(null, rule)
+        left = exog[:, tested][:, 0] == 0
+        if not (np.isnan(wald) and helped.all() and 0 < y[left].mean() < 1 and below.converged):
+            continue
+
+        def fall(free, data=full):
+            value, gradient = Likelihood(data, rule)(np.array([free[0], free[1], 40.0, free[2]]))
+            return -value, -gradient[[0, 1, 3]]
+
+        found = optimize.minimize(fall, [1.0, 0.5, 1.0], jac=True, method="BFGS")
+        if abs(found.x[-1]) > 3 or below.theta[-1] > 3:
+            continue  # far out quadrature is another matter
+        assert p == pytest.approx(stats.chi2.sf(2 * (-found.fun - below.value), 1), rel=1e-3)
+        checked += 1
+    assert checked >= 3
 
 
 def test_a_design_given_by_example():

@@ -18,8 +18,9 @@ from models.glmm_climb import climb
 from models.glmm_data import Likelihood, Rule
 from models.glmm_exact import ExactLikelihood, exact_log_likelihood
 from models.glmm_exact_maximum import exact_maximum
-from models.glmm_nodes import WRONG, check_nodes
+from models.glmm_nodes import LOWER, WRONG, check_nodes
 from models.glmm_optimise import maximise
+from models.glmm_variance import variance_test
 from models.glmm_warnings import ConvergenceWarning, QuadratureWarning, SeparationWarning
 from tests.models.test_glmm_kernel import Rows
 from tests.models.test_glmm_model import study
@@ -139,7 +140,13 @@ def test_no_verdict_contradicts_the_integral(studies, number):
         assert result.llf == result.escape.limit.value
         assert f"rises to {result.llf:.4f}" in str(result.summary())
     elif not result.escape.any and theta[-1] < 60:
-        assert (result.llf == pytest.approx(value, abs=WRONG)) or not result.converged
+        if result.llf != pytest.approx(value, abs=WRONG):
+            assert result.node_check.best_exact == pytest.approx(value, abs=1e-4)
+            said = " ".join(note.text for note in result.notes)
+            assert f"maximum, {result.node_check.best_exact:.4f}, at sd" in said
+        if result.converged:
+            at = reference.exact_log_likelihood(result.model.patterns, np.asarray(result.params))
+            assert at == pytest.approx(value, abs=LOWER)
         assert result.escape.limit is None or result.escape.finite == pytest.approx(value, abs=1e-3)
 
 
@@ -165,7 +172,9 @@ def test_an_artefact_is_refused_with_the_numbers(studies):
     assert f"sd {check.best_sd:.5g}" in said[QuadratureWarning]
     assert not result.converged
     assert result.conf_int(method="profile").isna().all(axis=None)
-    assert "Converged:" in str(result.summary())
+    assert f"{result.llf:.4f} (exactly {check.exact:.4f})" in str(result.summary())
+    # The variance is tested by the likelihood's own maximum.
+    assert variance_test(result).lr == pytest.approx(2 * (value - result.maximum.pooled_value), abs=1e-4)
     restricted = LogisticMixedModel.from_formula("y ~ c + (1|g)", studies[3]).fit(warn=False)
     with pytest.raises(InputError, match="without a maximum"):
         result.compare_lr_test(restricted)

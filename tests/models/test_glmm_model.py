@@ -390,3 +390,25 @@ def test_many_groups_start_on_a_part_and_end_on_all():
     assert model.score(result.params) == pytest.approx(np.zeros(4), abs=1e-3)
     single = climb(Likelihood(model.patterns, model.rule), np.array([0.0, 0.0, 0.0, 1.0]))
     assert single.theta == pytest.approx(result.params.to_numpy(), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["model", "robust"])
+def test_covariances_of_combinations_are_of_their_number(fit, kind):
+    rows = np.array([[0.0, 1.0, -1.0] + [0.0] * (len(fit.params) - 3), [1.0, 1.0] + [0.0] * (len(fit.params) - 2)])
+    whole = fit.cov_params(kind=kind)
+    assert list(whole.index) == list(fit.params.index)
+    found = fit.cov_params(rows, kind=kind)
+    assert found == pytest.approx(rows @ whole.to_numpy() @ rows.T, rel=1e-12)
+    assert fit.cov_params(r_matrix=rows[0], kind=kind) == pytest.approx(found[0, 0])
+    assert fit.cov_params(column=1, kind=kind) == pytest.approx(whole.iloc[1, 1])
+
+
+@pytest.mark.parametrize("engine", ["patsy", "formulaic"])
+def test_chained_hypotheses_are_the_same_by_both_engines(data, engine, monkeypatch):
+    monkeypatch.setattr("statsmodels.formula.options.formula_engine", engine)
+    fit = LogisticMixedModel.from_formula("help ~ signal + age + (1|person)", data).fit(warn=False)
+    want = fit.wald_test(np.array([[0.0, 1.0, -1.0], [0.0, 0.0, 1.0]]))
+    for text in ("signal = age = 0", "signal = age, age = 0"):
+        found = fit.wald_test(text)
+        assert found.df_denom == 2
+        assert found.statistic == pytest.approx(want.statistic, rel=1e-9)

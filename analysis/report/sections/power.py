@@ -24,7 +24,7 @@ CAUTIONS = (
     "run: the power at the observed effect is the p value in other words.",
     "The correlation of two measurements of a person decides more than anything else. Where it is not known, the "
     "number of people is a range, not a number.",
-    "Formulas of F tests do not know a bounded outcome of two values; the simulations below do.",
+    "Formulas of F tests do not know a bounded outcome of two values; the simulations above do.",
 )
 
 

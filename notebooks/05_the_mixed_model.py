@@ -527,7 +527,7 @@ null = MixedModelPower(
 mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(3)
 
 # %% [markdown]
-# **How to read it.** The printed effect of the robot's help needs about seventy people; that of signalling about a thousand, for
+# **How to read it.** The printed effect of the robot's help needs about sixty people; that of signalling about a thousand, for
 # most people are at the ceiling, where a signal has little left to change. With the 540 who took part a signal of that size
 # would be found about every second time, so that p = .077 is no evidence against it. The last table is the size of the
 # tests: without an effect they are significant in about 5% of studies.

@@ -75,7 +75,9 @@ chains = posterior.gate.chains
 
 # %%
 own = own_plans(study)
-print(f"{draws.n_draws} draws, {len(own.plans)} different plans; the most common is best for {own.shares[0]:.0%} of them.")
+print(
+    f"{draws.n_draws} draws, {len(own.plans)} different plans; the most common is best for {own.shares[0]:.0%} of them."
+)
 print("First action preferred:", {a: f"{s:.0%}" for a, s in own.first_action_shares.items()})
 
 # %% [markdown]
@@ -118,7 +120,10 @@ prices.table[["name", "mean", "held_out_mean", "cvar", "max_regret", "gain_mean"
 # as the full tree here: one person's nine rounds teach the robot next to nothing about the draw.
 
 # %%
-shown = {"optimum of each draw": own.values, **{n: prices[n].values for n in ("Bayes-adaptive", "plug-in estimate", "always")}}
+shown = {
+    "optimum of each draw": own.values,
+    **{n: prices[n].values for n in ("Bayes-adaptive", "plug-in estimate", "always")},
+}
 show(
     value_distributions(shown, draws.weight), "simulated",
     "What is believed of each plan's value. Between the first curve and the second lies what doubt costs.",
@@ -151,7 +156,9 @@ show(
 
 # %%
 careful = cautious_plan(flipped, 0.1)
-print(f"worst tenth: {careful.lower:.3f}, gap {careful.gap:.1g}; mean {careful.mean:.3f}; plans {len(careful.plans)}")
+print(
+    f"worst tenth: {careful.lower:.3f}, gap {careful.gap:.1g}; mean {careful.mean:.3f}; plans {len(careful.plans)}"
+)
 careful.rows()[0]
 
 # %% [markdown]

@@ -159,6 +159,7 @@ def test_absent_evidence_is_said_to_be_absent(monkeypatch, tmp_path):
     left_out = [block for block in made.flat() if isinstance(block, Omitted)]
     assert [block.what for block in left_out] == [
         "evidence of calibration", "evidence of calibration where people differ", "evidence of recovery",
+        "evidence of plans in simulated truths",
     ]  # fmt: skip
     assert "make evidence" in left_out[0].reason
 

@@ -11,6 +11,7 @@ from analysis.policy_study import STUDY2
 from analysis.report.build import build_report
 from analysis.report.registry import SECTIONS
 from analysis.report.section import Omitted, Part
+from analysis.report.sections import evidence as evidence_section
 from analysis.report.sections import robust
 from analysis.simulate import simulate_study1
 from models.planning.exact import solve_schedule
@@ -93,7 +94,7 @@ def test_plans_in_truth_are_shown_as_stored(tmp_path, monkeypatch, bundled):
     monkeypatch.setattr(evidence, "FOLDER", tmp_path)
     (tmp_path / "plans_in_truth.json").write_text(json.dumps(content))
     found = evidence.read_evidence("plans_in_truth", tmp_path)
-    (table,) = robust._in_truth(found)
+    (table,) = evidence_section._plans_in_truth(found)
     assert table.frame.loc[0, "gain"] == 0.3
 
 

@@ -41,6 +41,11 @@ def make(context: ReportContext) -> tuple[Block, ...]:
             stored("calibration_people", _calibration, "calibration where people differ"),
         ),
         Part("Is a known truth found again?", "recovery", stored("recovery", _recovery)),
+        Part(
+            "Do plans that reckon with doubt do better in truth?",
+            "plans-in-truth",
+            stored("plans_in_truth", _plans_in_truth, "plans in simulated truths"),
+        ),
     )
 
 
@@ -169,3 +174,18 @@ def _recovery(found: Evidence) -> tuple[Block, ...]:
         groups=(("", 4), ("EM", 2), ("posterior mean", 2), ("prior mean", 1), ("posterior", 3)),
     )  # fmt: skip
     return figure, Part("Every entry and effect", "recovery-entries", (details,), folded=True)
+
+
+# -- plans in simulated truths ---------------------------------------------------------------------
+def _plans_in_truth(found: Evidence) -> tuple[Block, ...]:
+    shown = {
+        "setting": "setting", "plan": "plan", "mean": "mean", "tail": "worst share", "mean_regret": "mean regret",
+        "tail_regret": "worst regret", "gain": "gain over plug-in", "gain_low": "from", "gain_high": "to",
+    }  # fmt: skip
+    frame = pd.DataFrame(found.content["table"])[list(shown)]
+    formats = {c: ",.2f" for c in shown if c not in ("setting", "plan")}
+    caption = (
+        "Plans learned from simulated studies, valued in the truths behind them. Gain: paired with the plan of the "
+        "Baum-Welch estimate, 95% interval. Worst share: mean over the worst truths, those of the level above."
+    )
+    return (Table("plans-in-truth-table", frame, caption, SIMULATED, headings=shown, formats=formats),)

@@ -13,7 +13,6 @@ from analysis.next_studies import Asked, published_studies
 from analysis.policy_study import STUDY2
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
-from analysis.report.stored import stored
 from analysis.robust_study import RobustStudy, robust_study
 from analysis.wording import counted
 from models.planning.schedule import Schedule
@@ -51,8 +50,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         blocks = attempt("plans under doubt", partial(_model, context, k))
         parts.append(Part(title, f"robust-{k}", blocks, folded=k != shown[0]))
-    trial = Part("Do such plans do better in truth?", "robust-truth", stored("plans_in_truth", _in_truth), True)
-    return (Text(intro), *parts, trial)
+    return (Text(intro), *parts)
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
@@ -184,19 +182,3 @@ def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Bl
         Points(tuple(rows), "Further studies"),
         curves,
     )
-
-
-def _in_truth(found):  # type: ignore[no-untyped-def]
-    from analysis.report.section import Origin
-
-    shown = {
-        "setting": "setting", "plan": "plan", "mean": "mean", "tail": "worst share", "mean_regret": "mean regret",
-        "tail_regret": "worst regret", "gain": "gain over plug-in", "gain_low": "from", "gain_high": "to",
-    }  # fmt: skip
-    frame = pd.DataFrame(found.content["table"])[list(shown)]
-    formats = {c: ",.2f" for c in shown if c not in ("setting", "plan")}
-    caption = (
-        "Plans learned from simulated studies, valued in the truths behind them. Gain: paired with the plan of the "
-        "Baum-Welch estimate, 95% interval. Worst share: mean over the worst truths, those of the level above."
-    )
-    return (Table("robust-truth-table", frame, caption, (Origin.SIMULATED,), headings=shown, formats=formats),)

@@ -64,7 +64,7 @@ bench: ## Measure the workbench against its peers (ARGS=name for one)
 # Hashes only: no address of any package index gets into a lock file.
 COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.12 --generate-hashes --no-header pyproject.toml
 lock: env ## Pin anew what pyproject.toml asks for (ARGS=--upgrade for newer versions)
-	$(COMPILE) --extra pdf --group dev --group build --output-file requirements.lock $(ARGS)
+	$(COMPILE) --extra pdf --extra game --group dev --group build --output-file requirements.lock $(ARGS)
 	$(COMPILE) --group build --group bench --constraints requirements.lock --override .ci/bench-overrides.txt --output-file requirements-bench.lock $(ARGS)
 
 clean: ## Remove what runs leave behind: built reports, compiled kernels, tools' caches

@@ -36,6 +36,7 @@ def build() -> typer.Typer:
         cli_fits,
         cli_glmm,
         cli_plan,
+        cli_play,
         cli_power,
         cli_recover,
         cli_replicate,
@@ -43,6 +44,7 @@ def build() -> typer.Typer:
         cli_robust,
         cli_solve,
         cli_solve_draws,
+        cli_study2,
     )
 
     app = typer.Typer(
@@ -69,7 +71,11 @@ def build() -> typer.Typer:
     app.command("solve")(cli_solve.solve_command)
     app.command("robust")(cli_robust.robust_command)
     app.command("solve-draws")(cli_solve_draws.solve_draws_command)
+    app.command("study2")(cli_study2.study2_command)
+    cli_data.simulate.command("study2")(cli_study2.simulate_study2_command)
+    app.command("play")(cli_play.play_command)
     app.add_typer(cli_power.power, name="power")
+    cli_replicate.replicate.command("study2")(cli_study2.replicate_study2_command)
     app.add_typer(cli_replicate.replicate, name="replicate")
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)

@@ -36,6 +36,9 @@ def glmm_command(
         str | None,
         typer.Option("--trials", metavar="COL", help="Trials of each row; the outcome counts successes."),
     ] = None,
+    offset: Annotated[
+        str | None, typer.Option("--offset", metavar="COL", help="Added to the linear predictor of each row.")
+    ] = None,
     twin: Annotated[
         bool, typer.Option("--twin", help="Also the Bayesian twin of study 1's regression (a minute).")
     ] = False,
@@ -58,11 +61,14 @@ def glmm_command(
     Without --formula DATA is a study, and the model is the paper's, help ~ signal + robot_help + (1|participant),
     with what it is compared with. With --formula DATA is a table; for a registered data set it has the columns
     participant, condition, sequence, round, the response (help), signal, robot_help, robot_help_so_far and
-    had_chance.
+    had_chance. offset(...) may be a term of it, or --offset a column. In the JSON a parameter without a finite
+    estimate is null, and "unbounded" says where it runs to; null, too, are the ends of "profile" that are "open".
 
     Example: prosocial glmm simulated_study1 --json reports/build/glmm.json
 
     Example: prosocial glmm trial.csv --formula "recovered ~ dose + (1|clinic)"
+
+    Example: prosocial glmm trial.csv --formula "recovered ~ dose + (1 + dose|clinic)" --nodes laplace
     """
     from analysis.mixed_model_table import nodes_of
     from models.errors import located
@@ -73,16 +79,17 @@ def glmm_command(
     distinct_files({"DATA": data, "--protocol": protocol, "--json": json, "--groups": groups})
     rule = nodes_of(nodes)
     if formula is None:
-        for option, value in (("--weights", weights), ("--trials", trials)):
+        for option, value in (("--weights", weights), ("--trials", trials), ("--offset", offset)):
             if value is not None:
-                raise located(option, value, "--formula beside it: a study's responses have neither")
+                raise located(option, value, "--formula beside it: a study's responses have none")
         _study(report, data, rule, twin, condition, seed, protocol, groups)
         return
     if twin:
         raise located("--twin", "--formula", "a study without a formula: the twin is study 1's")
     if condition is not None and not _registered(data):
         raise located("--condition", ", ".join(condition), "a registered data set: a table has no conditions")
-    _formula(report, data, formula, rule, weights, trials, condition, seed, protocol, groups)
+    columns = {"weights": weights, "trials": trials, "offset": offset}
+    _formula(report, data, formula, rule, columns, condition, seed, protocol, groups)
 
 
 def _registered(data: str) -> bool:
@@ -92,34 +99,50 @@ def _registered(data: str) -> bool:
 
 
 def _formula(
-    report: Report, data: str, formula: str, rule: int | str, weights: str | None, trials: str | None,
+    report: Report, data: str, formula: str, rule: int | str, columns: dict[str, str | None],
     condition: list[str] | None, seed: int, protocol: str | None, groups: str | None,
 ) -> None:  # fmt: skip
     """Fit a formula to a table and report it."""
     from analysis import datasets
-    from analysis.mixed_model_table import as_dict, as_text, fit_table, marginal_contrasts, typed_table
+    from analysis.mixed_model_table import (
+        as_dict,
+        as_text,
+        fit_table,
+        marginal_contrasts,
+        slopes_dict,
+        typed_table,
+    )
     from analysis.regression_data import response_table
     from analysis.study_selection import select
     from analysis.wording import counted
     from models.errors import InputError
+    from models.glmm_slope import LogisticSlopeModel
 
     kind = None
     if _registered(data):
         chosen = select(datasets.load(data, load_protocol(protocol)), condition)
         frame, kind = response_table(chosen.log).frame, chosen.dataset.card.kind
     else:
-        frame = typed_table(data)
+        frame = typed_table(data, formula)
     try:
-        fit = fit_table(formula, frame, nodes=rule, weights=weights, trials=trials)
+        fit = fit_table(formula, frame, nodes=rule, **columns)
     except InputError as error:
         # The model knows columns and rows, not the file they are from.
         raise error if str(error).startswith("--") else InputError(f"{data}: {error}") from None
     report.say(f"{data}{f' ({kind})' if kind else ''}: {formula}")
+    if isinstance(fit.model, LogisticSlopeModel):
+        report.say(str(fit.summary()))
+        if groups is not None:
+            write_output("--groups", groups, fit.random_effects.to_csv().encode())
+        _warn(fit)
+        plain = {"data": data, "kind": kind, "formula": formula, "seed": seed, "groups_file": groups}
+        report.finish({**slopes_dict(fit), **plain})
+        return
     report.say(as_text(fit, marginal_contrasts(fit)))
     hangs = _groups(report, fit, groups)
     _warn(fit)
-    if fit.model.n_dropped:
-        _tell(f"{counted(fit.model.n_dropped, 'row')} with missing values left out")
+    if empty := fit.model.n_dropped - sum(fit.model.dropped_by_terms.values()):
+        _tell(f"{counted(empty, 'row')} with missing values left out")
     report.finish({"data": data, "kind": kind, "formula": formula, "seed": seed, **as_dict(fit), **hangs})
 
 

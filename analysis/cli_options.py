@@ -68,7 +68,11 @@ class Report:
             sys.stdout.write(text)
             sys.stdout.flush()
         else:
+            folder = Path(self.json_path).parent
+            made = not folder.exists()
             write_output("--json", self.json_path, text.encode())
+            if made:
+                self.say(f"Made the folder {folder} for {self.json_path}.")
 
 
 def plain(value: Any) -> Any:

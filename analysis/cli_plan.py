@@ -19,6 +19,14 @@ from analysis.cli_options import (
     distinct_files,
     load_protocol,
 )
+from analysis.cli_planning_options import (
+    CostHelpOption,
+    CostOption,
+    CostSignalOption,
+    PrecisionOption,
+    RewardSteepness,
+    costs_of,
+)
 from analysis.cli_solve import TimeLimitOption, gap_shown
 from models.errors import InputError, Phrase, located
 
@@ -32,19 +40,6 @@ STUDY_SCHEDULE = "HRHRHRHRH"
 
 MANY_RESPONSES = 30_000
 """Sequences of responses from which on evaluating policies takes so long that it is said beforehand."""
-
-RewardSteepness = Annotated[
-    float | None, typer.Option("--r", help="Steepness of the reward; the model's own, or .06, by default.")
-]
-CostOption = Annotated[
-    list[str] | None,
-    typer.Option("--cost", metavar="ACTION=X", help="Cost of an action, in reward units."),
-]
-CostHelpOption = Annotated[float | None, typer.Option("--cost-help", help="Cost of helping; 15 by default.")]
-CostSignalOption = Annotated[float | None, typer.Option("--cost-signal", help="Cost of a signal; 15 by default.")]
-PrecisionOption = Annotated[
-    float, typer.Option("--precision", min=0, help="Relative gap between the bounds at which solving stops.")
-]
 
 
 def plan_command(
@@ -181,29 +176,6 @@ def _infinite(
 
 
 # -- what the options say --------------------------------------------------------------------------
-def costs_of(options: list[str] | None, named: dict[str, float | None] | None = None) -> dict[str, float | None]:
-    """Costs by action from ``ACTION=X`` options, beside those that have an option of their own.
-
-    Raises
-    ------
-    InputError
-        On what is no ``ACTION=X``, or an action whose cost is given twice.
-    """
-    out = {name: value for name, value in (named or {}).items() if value is not None}
-    for option in options or ():
-        name, sign, text = option.partition("=")
-        try:
-            value = float(text)
-        except ValueError:
-            sign = ""
-        if not sign or not name:
-            raise located("--cost", option, "ACTION=X, such as help=10")
-        if name in out:
-            raise located("--cost", option, f"the cost of {name} once")
-        out[name] = value
-    return dict(out)
-
-
 def rewarded(model: LatentStatePOMDP, r: float | None, costs: dict[str, float | None]) -> LatentStatePOMDP:
     """The model with another reward, as far as options say one.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,32 +18,45 @@ from analysis.cli_options import (
     load_protocol,
     plain,
 )
-from analysis.cli_plan import (
-    STUDY_SCHEDULE,
+from analysis.cli_plan import STUDY_SCHEDULE
+from analysis.cli_planning_options import (
+    AllowUnseenOption,
     CostHelpOption,
     CostOption,
     CostSignalOption,
+    DrawsOption,
+    FitArgument,
+    ForceOption,
+    GroupOption,
+    PersonOption,
     RewardSteepness,
-    costs_of,
+    check_tail,
+    draws_asked,
 )
-from analysis.cli_solve_draws import AllowUnseenOption, DrawsOption, ForceOption, GroupOption, PersonOption
+from analysis.wording import counted
 
 if TYPE_CHECKING:
     from analysis.robust_study import RobustStudy
+    from models.robust.cautious import CautiousPlan
+
+SHOWN_PLANS = 3
+"""Plans of a mixture that are written out, the most frequent ones."""
 
 
 def robust_command(
-    fit: Annotated[
-        str, typer.Argument(metavar="FIT", help="A fit (.nc), or JSON: a list of models, each with a weight.")
-    ],
+    fit: FitArgument,
     schedule: Annotated[
         str, typer.Option(help="Letters of the rounds, H: the human may help.")
     ] = STUDY_SCHEDULE,
     criterion: Annotated[
-        str, typer.Option(help="bayes (the mean), cvar, regret (the largest) or regret-cvar.")
+        str,
+        typer.Option(help="bayes (mean), cvar, gain-cvar (over never helping), regret (the largest), regret-cvar."),
     ] = "bayes",
     alpha: Annotated[float, typer.Option(help="Share of the draws that cautious criteria look at.")] = 0.1,
     mean_share: Annotated[float, typer.Option(help="With cvar: share of the plain mean in the criterion.")] = 0.0,
+    no_lots: Annotated[
+        bool, typer.Option("--no-lots", help="The best single plan found, instead of drawing one of several.")
+    ] = False,
     frontier: Annotated[
         bool, typer.Option("--frontier", help="Ten levels of caution, also at costs where decisions flip.")
     ] = False,
@@ -82,7 +94,6 @@ def robust_command(
     Example: prosocial robust fit.nc --criterion cvar --alpha .1 --evsi help+signal:HRHRH:100,200
     """
     from analysis import progress
-    from analysis.draws_source import read_draws
     from analysis.next_studies import next_studies
     from analysis.robust_study import robust_fields, robust_study
     from models.model_files import read_model
@@ -93,21 +104,19 @@ def robust_command(
     if policy is not None:
         check_output("--policy", policy)
     distinct_files({"FIT": fit, "--plug-in": plug_in, "--policy": policy, "--json": json})
-    own = load_protocol(protocol) if protocol else None
-    source = read_draws(
+    check_tail(alpha)
+    source = draws_asked(
         fit, draws=draws, allow_unseen=allow_unseen, force=force, group=group, person=person, people=True, r=r,
-        costs={"help": cost_help, "signal": cost_signal, **costs_of(cost)}, protocol=own,
+        cost_help=cost_help, cost_signal=cost_signal, cost=cost, protocol=protocol,
     )  # fmt: skip
-    for warning in source.warnings:
-        print(f"prosocial: {warning}", file=sys.stderr)
     known = Schedule.of(source.draws, schedule, discount)
     asked = next_studies(evsi or (), known.protocol)
-    estimate = read_model(plug_in, own) if plug_in else None
+    estimate = read_model(plug_in, load_protocol(protocol) if protocol else None) if plug_in else None
     clock = WorkClock()
     with progress.shown(quiet) as watch:
         study = robust_study(
-            known, criterion=criterion, alpha=alpha, mean_share=mean_share, plug_in=estimate, asked=asked,
-            with_frontier=frontier, chains=source.chains, kinds=source.kinds,
+            known, criterion=criterion, alpha=alpha, mean_share=mean_share, lots=not no_lots, plug_in=estimate,
+            asked=asked, with_frontier=frontier, chains=source.chains, kinds=source.kinds,
             sampled=source.fit is not None, served=served,
             cost=participant_cost, seed=seed, progress=watch,
         )  # fmt: skip
@@ -126,27 +135,18 @@ def robust_command(
 
 def _lines(study: RobustStudy) -> list[str]:
     """What is shown to a person."""
-    chosen, prices = study.chosen, study.prices
+    chosen = study.chosen
     out = [study.sentence[0].upper() + study.sentence[1:], ""]
-    kind = "follows one plan" if chosen.deterministic else f"draws one of {len(chosen.plans)} plans"
-    sure = "certified" if chosen.certified else "NOT certified"
+    sure = "certified" if chosen.certified else "not certified: drawing lots may gain so much at most"
     out.append(
-        f"Best {study.criterion_words}: {study.value:.6g} (gap {chosen.gap:.1g}, {sure}), mean {chosen.mean:.6g}; "
-        f"{kind}."
+        f"Best {study.criterion_words}: {study.value:.6g} (gap {chosen.gap:.2g}, {sure}), mean {chosen.mean:.6g}."
     )
+    out += _what_it_does(chosen)
     if not chosen.deterministic:
         single = chosen.best_single()[1] * (-1 if study.criterion.startswith("regret") else 1)
-        shares = ", ".join(f"{100 * s:.0f}%" for s in sorted(chosen.share, reverse=True))
-        out.append(f"Shares of the plans: {shares}. Of all plans looked at, the best single one: {single:.6g}.")
-    columns = ["name", "mean", "cvar", "worst", "max_regret", "gain_mean", "gain_probability", "held_out_mean"]
-    named = {
-        "name": "plan", "cvar": f"worst {100 * study.alpha:.3g}%", "max_regret": "max regret", "gain_mean": "gain",
-        "gain_probability": "P(gain > 0)", "held_out_mean": "held out",
-    }  # fmt: skip
-    table = prices.table[columns].rename(columns=named)
-    out += ["", table.to_string(index=False, float_format=lambda v: f"{v:.2f}"), ""]
-    out.append("Gain: over never helping in the same draw. Held out: chosen and scored on different draws.")
-    out += [study.stability.weakest, study.perfect.sentence, study.partial.sentence]
+        out.append(f"Of all plans looked at, the best single one (--no-lots): {single:.6g}.")
+    out += ["", *_prices(study), "", *_decisions(study), ""]
+    out += [study.perfect.sentence, study.partial.sentence]
     out.append(
         f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
         f"which draw it faces at most {study.learning:.3g}, over the best plan found for one model."
@@ -157,9 +157,62 @@ def _lines(study: RobustStudy) -> list[str]:
             "the draw, not who comes next."
         )
     out += [line for s in study.samples for line in s.sentences]
+    if sum(len(s.studies) for s in study.samples) > 1:
+        out += [s.sentence for s in study.samples]
     out += [f"At {name}: {found.sentence}" for name, found in study.frontiers.items()]
     out += [flip.sentence for flip in study.flips]
     return out
+
+
+def _what_it_does(chosen: CautiousPlan) -> list[str]:
+    """The plan, or the most frequent plans of the mixture, event by event."""
+    from models.robust.cautious import acting_words
+
+    out = []
+    rows = sorted(zip(chosen.share.tolist(), chosen.plans, strict=True), key=lambda x: -x[0])
+    for share, plan in rows[:SHOWN_PLANS]:
+        often = "Where it acts, by the responses before" if len(rows) == 1 else f"In {share:.0%} of the cases"
+        out.append(f"{often}:")
+        out += [f"  {words}" for words in acting_words(chosen.schedule, plan)]
+    if len(rows) > SHOWN_PLANS:
+        rest = sum(share for share, _ in rows[SHOWN_PLANS:])
+        further = counted(len(rows) - SHOWN_PLANS, "further plan")
+        out.append(
+            f"In the other {rest:.0%} {'one of ' if len(rows) > SHOWN_PLANS + 1 else ''}{further} (see --json)."
+        )
+    return out
+
+
+def _prices(study: RobustStudy) -> list[str]:
+    """Plans side by side."""
+    tail = f"worst {100 * study.alpha:.3g}%"
+    named = {
+        "name": "plan", "mean": "mean", "held_out_mean": "held out", "cvar": tail, "worst": "worst",
+        "gain_mean": "gain", "gain_cvar": f"gain, {tail}", "gain_probability": "P(gain > 0)",
+        "cvar_regret": f"regret, {tail}", "max_regret": "max regret",
+    }  # fmt: skip
+    table = study.prices.table[list(named)].rename(columns=named)
+    return [
+        table.to_string(index=False, float_format=lambda v: f"{v:.2f}"),
+        "Held out: chosen and scored on different draws. Gain: over never helping in the same draw. "
+        f"{tail[0].upper()}{tail[1:]}: mean over that share of the draws, by what stands before it.",
+    ]
+
+
+def _decisions(study: RobustStudy) -> list[str]:
+    """How many of the draws agree with the Bayes-adaptive plan along its histories."""
+    named = {
+        "event": "event", "mode": "mode", "agree": "agree", "least_sure": "least sure", "after": "after",
+        "least_agree": "agree there", "wrong_costs": "being wrong costs", "bits": "bits told",
+    }  # fmt: skip
+    table = study.stability.by_event[list(named)].rename(columns=named)
+    shares = {"agree": lambda v: f"{v:.0%}", "agree there": lambda v: f"{v:.0%}"}
+    return [
+        "Share of the draws that agree with the Bayes-adaptive plan along its histories, at "
+        f"{study.stability.beliefs} belief:",
+        table.to_string(index=False, formatters=shares, float_format=lambda v: f"{v:.2g}"),
+        study.stability.weakest,
+    ]
 
 
 def _write(study: RobustStudy, path: str | None) -> None:

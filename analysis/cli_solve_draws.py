@@ -15,47 +15,37 @@ from analysis.cli_options import (
     Report,
     SeedOption,
     distinct_files,
-    load_protocol,
 )
-from analysis.cli_plan import (
+from analysis.cli_plan import STUDY_SCHEDULE, mode_process_of
+from analysis.cli_planning_options import (
+    AllowUnseenOption,
     CostHelpOption,
     CostOption,
     CostSignalOption,
+    DrawsOption,
+    FitArgument,
+    ForceOption,
+    GroupOption,
+    PersonOption,
     PrecisionOption,
     RewardSteepness,
-    costs_of,
-    mode_process_of,
+    check_tail,
+    draws_asked,
 )
 from analysis.cli_solve import TimeLimitOption
 
 if TYPE_CHECKING:
     from models.planning.batch import BatchSolution
     from models.robust.belief_stability import BeliefStability
-    from models.robust.controller_pool import ControllerPool, Outcome
+    from models.robust.controller_pool import ControllerPool
+    from models.robust.risk import Outcome
 
 FEWEST_HELD_OUT = 20
 """Draws below which nothing is said of draws that had no part in a choice."""
 
-DrawsOption = Annotated[
-    int | None, typer.Option("--draws", metavar="N", help="So many evenly spaced draws; all by default.")
-]
-AllowUnseenOption = Annotated[
-    bool, typer.Option("--allow-unseen", help="Keep actions that the data hold no evidence on.")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Use a fit that failed its convergence gate.")]
-GroupOption = Annotated[
-    str | None, typer.Option("--group", metavar="LABEL", help="Where tables differ between groups: whose.")
-]
-PersonOption = Annotated[
-    float | None,
-    typer.Option("--person", metavar="Z", help="Where people differ: whom, in standard deviations; 0 the median."),
-]
-
 
 def solve_draws_command(
-    fit: Annotated[
-        str, typer.Argument(metavar="FIT", help="A fit (.nc), or JSON: a list of models, each with a weight.")
-    ],
+    fit: FitArgument,
     draws: DrawsOption = None,
     precision: PrecisionOption = 1e-3,
     start_mode: Annotated[
@@ -80,6 +70,10 @@ def solve_draws_command(
     alpha: Annotated[
         float, typer.Option(help="With --pool: share of the draws in the lower tail.")
     ] = 0.1,
+    along: Annotated[
+        str | None,
+        typer.Option(metavar="SCHEDULE", help=f"Also what draws prefer along a study: {STUDY_SCHEDULE}."),
+    ] = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -88,37 +82,37 @@ def solve_draws_command(
     """How uncertain the plan is: every draw of a posterior solved without horizon, with bounds that prove it.
 
     The action shares say which action draws prefer at their own initial belief; a draw whose best actions differ by
-    no more than the gap between its bounds is undecided. The time limit is that of a draw which the first attempt
-    leaves unsolved. Nothing is random, whatever the seed.
+    no more than the gap between its bounds is undecided. With --along the robot follows the plan of the mean tables
+    through a study, and after every history each draw says what it would do next, at its own belief. The time limit
+    is that of a draw which the first attempt leaves unsolved. Nothing is random, whatever the seed.
 
     Example: prosocial solve-draws fit.nc --draws 400 --pool
     """
     from analysis import progress
     from analysis.cli_options import plain
-    from analysis.draws_source import read_draws
+    from analysis.endless_study import compared_controllers, decisions_along, told_of
     from models.errors import located
     from models.planning.batch import solve_draws
     from models.planning.latent import LatentBatch
+    from models.planning.mode_process import schedule_modes
     from models.robust.belief_stability import start_stability
+    from models.robust.wider_solution import widened
 
     report = Report(json, quiet)
     distinct_files({"FIT": fit, "--protocol": protocol, "--json": json})
-    if not 0 <= alpha <= 1:
-        raise located("--alpha", alpha, "a share from 0 (the worst draw) to 1 (the mean)")
+    check_tail(alpha)
     if not time_limit > 0:
         raise located("--time-limit", time_limit, "above 0 seconds")
-    costs = {"help": cost_help, "signal": cost_signal, **costs_of(cost)}
-    source = read_draws(
-        fit, draws=draws, allow_unseen=allow_unseen, force=force, group=group, person=person, r=r, costs=costs,
-        protocol=load_protocol(protocol) if protocol else None,
+    source = draws_asked(
+        fit, draws=draws, allow_unseen=allow_unseen, force=force, group=group, person=person, people=False, r=r,
+        cost_help=cost_help, cost_signal=cost_signal, cost=cost, protocol=protocol,
     )  # fmt: skip
-    for warning in source.warnings:
-        print(f"prosocial: {warning}", file=sys.stderr)
+    if along is not None:
+        schedule_modes(source.draws.protocol, along)
     process = mode_process_of(source.draws.protocol, mode_process, start_mode)
     batch = LatentBatch(source.draws, process, discount)
     with progress.shown(quiet) as watch:
-        told = None if watch is None else lambda done, total: watch("draws solved", done, total)
-        solution = solve_draws(batch, precision, time_limit=time_limit, progress=told)
+        solution = solve_draws(batch, precision, time_limit=time_limit, progress=told_of(watch, "draws solved"))
     stability = start_stability(solution)
     report.say(f"{source.sentence}. {process.words}; discount {discount:g}.")
     report.say(solution.sentence)
@@ -134,14 +128,25 @@ def solve_draws_command(
     compared = None
     if pool:
         with progress.shown(quiet) as watch:
-            compared = _pool(solution, None if watch is None else lambda d, n: watch("controllers valued", d, n))
+            compared = compared_controllers(solution, progress=told_of(watch, "controllers valued"))
         report.say(compared.sentence)
         report.say(compared.table(alpha).head(10).to_string(index=False, float_format=lambda v: f"{v:.3f}"))
+    histories = None
+    if along is not None:
+        with progress.shown(quiet) as watch:
+            told = told_of(watch, "draws solved from the corners")
+            histories = decisions_along(widened(solution, time_limit=time_limit, progress=told), along)
+        report.say(histories.table.to_string(index=False))
+        report.say(histories.sentence)
     report.finish(
         plain({
             **solution_to_dict(solution), **stability_to_dict(stability), **source.to_dict(),
             "discount": discount, "mode_process": process.words, "precision": precision,
             "pool": None if compared is None else pool_to_dict(compared, alpha), "seed": seed,
+            "along": None if histories is None else {
+                "schedule": histories.letters, "policy": histories.policy, "decisions": histories.rows(),
+                "sentence": histories.sentence,
+            },
         })
     )  # fmt: skip
 
@@ -199,18 +204,6 @@ def pool_to_dict(pool: ControllerPool, alpha: float) -> dict[str, Any]:
         },
         "sentence": pool.sentence,
     }  # fmt: skip
-
-
-def _pool(solution: BatchSolution, watch: Any) -> ControllerPool:
-    """Controllers of the draws beside baselines and the controller of the posterior mean."""
-    from models.robust.candidates import posterior_mean
-    from models.robust.controller_pool import controller_pool
-    from models.robust.named_controllers import baseline_controllers, model_controller
-
-    batch = solution.batch
-    mean = posterior_mean(batch.draws)
-    named = {"posterior mean": model_controller(batch, mean, "posterior mean"), **baseline_controllers(batch, mean)}
-    return controller_pool(solution, named, progress=watch)
 
 
 def _spread(values: Any, solution: BatchSolution) -> dict[str, float]:

@@ -223,7 +223,10 @@ def _fit(path: str, force: bool, group: str | None, protocol: Protocol | None) -
 
 def _check_person(fit: Posterior, person: float | None, everybody: bool) -> None:
     if fit.people_differ and person is None and not everybody:
-        wanted = "a person, in standard deviations of the offsets (0: the median one): people differ in this fit"
+        wanted = (
+            "a person, in standard deviations of the offsets (0: the median one): people differ in this fit, and a "
+            "plan without an end is for one kind of person (`robust` plans for all kinds, and learns whom it faces)"
+        )
         raise located("--person", Phrase("none"), wanted)
     if person is not None and (not fit.people_differ or not np.isfinite(person)):
         wanted = "a finite number" if fit.people_differ else "no value: people do not differ in this fit"

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.repeated_measures import ABSENT
+from analysis.repeated_measures import ABSENT, row_name
 from analysis.table_files import read_table
 from models.errors import InputError, located
 from models.glmm import DEFAULT_NODES, LogisticMixedModel
@@ -24,23 +24,61 @@ from models.glmm_marginal import Estimate, MarginalContrast, marginal_contrast
 LEVEL = 0.95
 """Level of every interval."""
 
+FEW = 0.5
+"""Share of cells that are no numbers from which a column counts as text."""
+
 MOST_LEVELS = 12
 """Values of a variable up to which each is compared with the first; beyond, quartiles are."""
 
 
-def typed_table(path: str | Path) -> pd.DataFrame:
+def typed_table(path: str | Path, formula: str = "") -> pd.DataFrame:
     """Read a table and find out what its columns hold: numbers, true and false, or text.
 
     A column is numeric where every value that is not missing is a number, else it is text; missing values are empty
     or spelled as in `analysis.repeated_measures`.
+
+    Parameters
+    ----------
+    formula : str
+        Columns that it uses as they are may not be numbers but for a few cells: one slip of the pen would make a
+        category of a number, with a coefficient for each of its values. Within ``C(...)`` and as groups they may.
 
     Raises
     ------
     InputError
         Naming the file and what is wrong with it.
     """
-    frame = read_table(path).reset_index(drop=True)
-    return frame.apply(_typed)
+    raw = read_table(path)
+    for name in raw.columns:
+        if used_as_is(str(name), formula):
+            _check_kind(raw[name], str(path))
+    return raw.reset_index(drop=True).apply(_typed)
+
+
+def used_as_is(name: str, formula: str) -> bool:
+    """Whether a formula uses a column elsewhere than in ``C(...)`` and after the bar.
+
+    Examples
+    --------
+    >>> [used_as_is("x", text) for text in ("y ~ x + (1|g)", "y ~ C(x) + (1|g)", "y ~ z + (1|x)", "y ~ log(x)")]
+    [True, False, False, True]
+    """
+    bare = re.sub(r"\bC\([^()]*\)|\|[^)]*\)", " ", formula)
+    return bool(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.(])", bare))
+
+
+def _check_kind(column: pd.Series, path: str) -> None:
+    """Refuse text among numbers."""
+    if not pd.api.types.is_string_dtype(column.dtype):
+        return
+    text = column.astype(object).str.strip()
+    known = text[text.notna() & ~text.isin(ABSENT)]
+    bad = pd.to_numeric(known, errors="coerce").isna()
+    if bad.any() and bad.sum() < FEW * len(known):
+        line = row_name(column, int(column.index.get_loc(bad.idxmax())), path)
+        numbers = f"{len(known) - bad.sum()} of {len(known)} rows"
+        wanted = f"a number, as in {numbers}; C({column.name}) in the formula for a category"
+        raise located(f"{line}, column {column.name!r}", known[bad.idxmax()], wanted)
 
 
 def _typed(column: pd.Series) -> pd.Series:
@@ -57,7 +95,7 @@ def _typed(column: pd.Series) -> pd.Series:
 
 def fit_table(
     formula: str, frame: pd.DataFrame, *, nodes: int | str = DEFAULT_NODES, weights: str | None = None,
-    trials: str | None = None,
+    trials: str | None = None, offset: str | None = None,
 ) -> Any:  # fmt: skip
     """Fit a formula to a table; notes are in the results, not raised as warnings.
 
@@ -72,7 +110,7 @@ def fit_table(
         raise located("--formula", formula, "a random intercept in it: outcome ~ covariates + (1|group)")
     try:
         model = LogisticMixedModel.from_formula(
-            formula, frame, freq_weights=weights, trials=trials, quadrature=nodes
+            formula, frame, freq_weights=weights, trials=trials, offset=offset, quadrature=nodes
         )  # fmt: skip
     except InputError:
         raise
@@ -107,8 +145,19 @@ def marginal_contrasts(results: Any) -> dict[str, MarginalContrast]:
     out = {}
     for name, pairs in _settings(results).items():
         for key, setting, reference in pairs:
-            out[key] = marginal_contrast(results, {name: setting}, {name: reference}, 1 - LEVEL)
+            found = marginal_contrast(results, {name: setting}, {name: reference}, 1 - LEVEL)
+            if key == name and _by_quartiles(results, name):
+                found = replace(
+                    found,
+                    setting=f"{found.setting} (upper quartile)",
+                    reference=f"{found.reference} (lower quartile)",
+                )
+            out[key] = found
     return out
+
+
+def _by_quartiles(results: Any, name: str) -> bool:
+    return results.model.data.frame[name].dropna().nunique() > 2
 
 
 def _settings(results: Any) -> dict[str, list[tuple[str, Any, Any]]]:
@@ -145,15 +194,17 @@ def as_dict(results: Any) -> dict[str, Any]:
     dict
         ``params, bse`` (by name, the standard deviation last), ``z, p``, ``sd``, ``log_likelihood, aic, bic``,
         ``odds_ratios`` (one person: estimate, Wald low and high, profile_low and profile_high), ``profile``
-        (ends by parameter, on the scale of `params`), ``node_check``, ``marginal`` (over people),
-        ``converged``, ``notes``, ``rows, dropped, groups, quadrature``.
+        (ends by parameter, on the scale of `params`, and which of them are ``open``), ``node_check``, ``marginal``
+        (over people), ``converged``, ``notes``, ``rows, dropped, dropped_by_terms, groups, quadrature``. Parameters
+        without a finite estimate are in ``unbounded``, with where they run to, "infinity", "-infinity" or
+        "undetermined"; in JSON, which has no infinity, they are null, as are open ends.
     """
     names = [str(name) for name in results.params.index]
     profile = np.asarray(results.conf_int(1 - LEVEL, "profile"))
     wald = results.odds_ratios(1 - LEVEL)
     with np.errstate(over="ignore"):
         ends = np.exp(profile)
-    check, model = results.node_check, results.model
+    check, model, escape = results.node_check, results.model, results.escape
     ratios = {
         name: {
             "estimate": float(wald.loc[name, "odds ratio"]), "low": float(wald.loc[name, "lower"]),
@@ -163,20 +214,55 @@ def as_dict(results: Any) -> dict[str, Any]:
         for i, name in enumerate(names[:-1])
     }  # fmt: skip
     return {
-        "params": dict(zip(names, map(float, results.params), strict=True)),
+        "params": dict(zip(names, map(float, results.estimates), strict=True)),
+        "unbounded": {n: _END[s] for n, s, u in zip(names, escape.signs, escape.unbounded, strict=True) if u},
         "bse": dict(zip(names, map(float, results.bse), strict=True)),
         "z": dict(zip(names[:-1], map(float, results.tvalues[:-1]), strict=True)),
         "p": dict(zip(names[:-1], map(float, results.pvalues[:-1]), strict=True)),
-        "sd": results.sd, "log_likelihood": results.llf, "aic": results.aic, "bic": results.bic,
+        "sd": float(results.estimates[-1]), "log_likelihood": results.llf, "aic": results.aic, "bic": results.bic,
         "odds_ratios": ratios,
-        "profile": {n: {"low": float(a), "high": float(b)} for n, (a, b) in zip(names, profile, strict=True)},
+        "profile": {
+            n: {
+                "low": float(a), "high": float(b),
+                "open": [end for end, v in (("low", a), ("high", b)) if np.isinf(v)],
+            }
+            for n, (a, b) in zip(names, profile, strict=True)
+        },
         "node_check": asdict(check) | {"change": check.change, "dependent": check.dependent, "text": check.text},
         "marginal": {key: contrast_dict(found) for key, found in marginal_contrasts(results).items()},
         "converged": results.converged, "boundary": results.boundary,
         "notes": [{"warning": n.category.__name__, "text": n.text} for n in results.notes],
-        "rows": int(results.nobs), "dropped": model.n_dropped, "groups": model.n_groups,
+        "rows": int(results.nobs), "dropped": model.n_dropped,
+        "dropped_by_terms": dict(model.dropped_by_terms), "groups": model.n_groups,
         "quadrature": model.quadrature, "level": LEVEL,
     }  # fmt: skip
+
+
+_END = {1: "infinity", -1: "-infinity", 0: "undetermined"}
+
+
+def slopes_dict(results: Any) -> dict[str, Any]:
+    """What `as_dict` tells, of a fit with random slopes: no profile, check of nodes or contrasts."""
+    names, ends = list(results.model.names), np.asarray(results.conf_int(1 - LEVEL))
+    p, ratios = len(results.fe_params), results.odds_ratios(1 - LEVEL)
+    values = (results.params, results.bse, results.tvalues[:p], results.pvalues[:p])
+    model = results.model
+    return {
+        **{key: dict(zip(names, map(float, v), strict=False)) for key, v in zip(_COLUMNS, values, strict=True)},
+        "wald": {n: {"low": float(a), "high": float(b)} for n, (a, b) in zip(names, ends, strict=True)},
+        "log_likelihood": results.llf, "aic": results.aic, "bic": results.bic,
+        "odds_ratios": {
+            str(name): {"estimate": row["odds ratio"], "low": row["lower"], "high": row["upper"]}
+            for name, row in ratios.iterrows()
+        },
+        "converged": results.converged, "singular": results.singular,
+        "notes": [{"warning": n.category.__name__, "text": n.text} for n in results.notes],
+        "rows": int(results.nobs), "dropped": model.n_dropped, "groups": model.fixed.n_groups,
+        "quadrature": "laplace", "level": LEVEL,
+    }  # fmt: skip
+
+
+_COLUMNS = ("params", "bse", "z", "p")
 
 
 def contrast_dict(found: MarginalContrast) -> dict[str, Any]:

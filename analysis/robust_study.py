@@ -12,16 +12,21 @@ import numpy as np
 from models.errors import located
 from models.planning.exact import ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
-from models.robust.candidates import Candidate, cautious_choice, standard_candidates
+from models.robust.candidates import standard_candidates
 from models.robust.cautious import CautiousPlan, cautious_plan
 from models.robust.contested import Flip, contested, flip_points
 from models.robust.frontier import LEVELS, Frontier, frontier
-from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
+from models.robust.information import (
+    PerfectInformation,
+    beyond_rounding,
+    outcome_reference,
+    perfect_information,
+)
 from models.robust.own_plans import OwnPlans, own_plans
 from models.robust.partial_information import PartialInformation, partial_information
 from models.robust.people_draws import Personal, personalised
 from models.robust.pricing import PriceList, price
-from models.robust.risk import weighted_quantiles
+from models.robust.risk import Outcome, weighted_quantiles
 from models.robust.sample_information import sample_information
 from models.robust.stability import Stability, decision_stability
 from models.robust.study_worth import SampleInformation
@@ -31,8 +36,8 @@ if TYPE_CHECKING:
     from models.lspomdp import LatentStatePOMDP
     from models.robust.study_design import NextStudy
 
-Criterion = Literal["bayes", "cvar", "regret", "regret-cvar"]
-CRITERIA: tuple[Criterion, ...] = ("bayes", "cvar", "regret", "regret-cvar")
+Criterion = Literal["bayes", "cvar", "gain-cvar", "regret", "regret-cvar"]
+CRITERIA: tuple[Criterion, ...] = ("bayes", "cvar", "gain-cvar", "regret", "regret-cvar")
 
 FEWEST_IN_TAIL = 10
 """Draws that a level of the frontier must look at."""
@@ -112,6 +117,7 @@ class RobustStudy:
         return {
             "bayes": "mean over the draws",
             "cvar": f"mean of {share}",
+            "gain-cvar": f"mean gain over never helping of {share}",
             "regret": "largest regret over the draws",
             "regret-cvar": f"mean regret of {share}",
         }[self.criterion]
@@ -119,18 +125,15 @@ class RobustStudy:
     @property
     def sentence(self) -> str:
         """The answer in one sentence: how sure the first decision is, what doubt costs, what would reduce it."""
-        first = self.stability.standings[0]
         text = (
-            f"{first.words[:-1]}; all doubt together costs {self.perfect.value:.3g} of {self.plan.value:.4g} "
-            "reward units a person"
+            f"{self.stability.headline}; all doubt together costs {self.perfect.value:.3g} of "
+            f"{self.plan.value:.4g} reward units a person"
         )
         enough = [row for s in self.samples for row in s.rows if row.enough and not row.silent]
         if not enough:
             return text + "."
         best = max(enough, key=lambda row: (row.sure, row.worth))
-        low, high = (v / self.perfect.value if self.perfect.value > 0 else 0.0 for v in (best.sure, best.worth))
-        share = f"{low:.0%}" if round(100 * low) == round(100 * high) else f"{low:.0%} to {high:.0%}"
-        return f"{text}; {best.words} would take away {share} of that."
+        return f"{text}; {best.words} would take away {best.share_of(self.perfect.value)} of that."
 
 
 def robust_study(
@@ -139,6 +142,7 @@ def robust_study(
     criterion: str = "bayes",
     alpha: float = 0.1,
     mean_share: float = 0.0,
+    lots: bool = True,
     plug_in: LatentStatePOMDP | None = None,
     asked: Sequence[Asked] = (),
     with_frontier: bool = False,
@@ -157,11 +161,13 @@ def robust_study(
     Parameters
     ----------
     schedule : Schedule
-    criterion : {"bayes", "cvar", "regret", "regret-cvar"}
+    criterion : {"bayes", "cvar", "gain-cvar", "regret", "regret-cvar"}
     alpha : float
         In ``(0, 1]``.
     mean_share : float
         Share of the mean in the ``cvar`` criterion.
+    lots : bool
+        Whether the plan of the criterion may draw one of several plans; otherwise it is the best single one found.
     plug_in : LatentStatePOMDP, optional
         The point estimate, to price planning with it.
     asked : sequence of Asked
@@ -180,7 +186,7 @@ def robust_study(
         Of one participant, in reward units.
     seed : int
     executor : concurrent.futures.Executor, optional
-        What draws, blocks and simulated data sets are spread over; threads by default.
+        What draws, plans, levels of caution, blocks and simulated data sets are spread over; threads by default.
     progress : callable, optional
         Called with the step, pieces done and pieces in all.
 
@@ -205,19 +211,20 @@ def robust_study(
     own = own_plans(schedule, executor)
     plan = solve_schedule(schedule)
     perfect = perfect_information(schedule, kinds=kinds, chains=chains, sampled=sampled, executor=executor)
-    reference = perfect.optima if criterion.startswith("regret") else None
-    level = {"bayes": 1.0, "cvar": alpha, "regret": 0.0, "regret-cvar": alpha}[criterion]
+    outcome: Outcome = {"regret": "regret", "gain": "gain"}.get(criterion.split("-")[0], "value")  # type: ignore[assignment]
+    reference = perfect.optima if outcome == "regret" else outcome_reference(schedule, outcome, kinds=kinds)
+    level = {"bayes": 1.0, "regret": 0.0}.get(criterion, alpha)
     share = mean_share if criterion == "cvar" else 0.0
     chosen = cautious_plan(
         schedule, level, mean_share=share, reference=reference, kinds=kinds, start=[plan.decisions]
     )
-    more = () if criterion != "regret-cvar" else (_regret_tail(alpha, kinds),)
-    candidates = standard_candidates(
-        schedule, alpha=alpha, mean_share=mean_share, kinds=kinds, plug_in=plug_in, more=more
-    )
+    if not lots:
+        chosen = chosen.without_lots()
+    candidates = standard_candidates(schedule, alpha=alpha, mean_share=mean_share, kinds=kinds, plug_in=plug_in)
     prices = price(
-        schedule, candidates, alpha=alpha, kinds=kinds, chains=chains, optima=perfect.optima, progress=told("plans")
-    )
+        schedule, candidates, alpha=alpha, kinds=kinds, chains=chains, optima=perfect.optima, executor=executor,
+        progress=told("plans"),
+    )  # fmt: skip
     partial = partial_information(
         schedule, kinds=kinds, chains=chains, perfect=perfect, executor=executor, progress=told("blocks")
     )
@@ -236,24 +243,23 @@ def robust_study(
     frontiers: dict[str, Frontier] = {}
     flips: tuple[Flip, ...] = ()
     if with_frontier:
-        frontiers["these costs"] = frontier(schedule, levels or (1.0,), kinds=kinds, progress=told("frontier"))
+        frontiers["these costs"] = frontier(
+            schedule, levels or (1.0,), kinds=kinds, executor=executor, progress=told("frontier")
+        )
         flips = flip_points(schedule)
         flipped, together = contested(schedule)
         costs = {a: c for f in together if f.multiple is not None for a, c in f.costs.items() if c}
         if costs:
             name = f"contested costs ({', '.join(f'{a} {c:.3g}' for a, c in costs.items())})"
-            frontiers[name] = frontier(flipped, levels or (1.0,), kinds=kinds, progress=told("contested frontier"))
+            frontiers[name] = frontier(
+                flipped, levels or (1.0,), kinds=kinds, executor=executor, progress=told("contested frontier")
+            )
     stability = decision_stability(schedule, plan, executor=executor, kinds=kinds)
     personal = personalised(schedule, kinds) if kinds > 1 else None
     return RobustStudy(
         schedule, criterion, alpha, plan, chosen, own, prices, stability, perfect, partial, samples, frontiers,
         flips, personal,
     )  # fmt: skip
-
-
-def _regret_tail(alpha: float, kinds: int) -> Candidate:
-    about = f"smallest mean regret of the worst {100 * alpha:.3g}% of the draws"
-    return Candidate("small regret", about, cautious_choice(alpha, regret=True, kinds=kinds))
 
 
 def robust_fields(study: RobustStudy) -> dict[str, Any]:
@@ -272,6 +278,7 @@ def robust_fields(study: RobustStudy) -> dict[str, Any]:
         "evppi": {
             r.block: {"worth": r.worth, "se": r.se, "in_sample": r.in_sample} for r in study.partial.rows
         },
+        "evppi_enough": study.partial.enough,
         "evsi": [
             {
                 "study": r.study, "participants": r.people, "worth": r.worth, "se": r.se,
@@ -293,6 +300,8 @@ def robust_fields(study: RobustStudy) -> dict[str, Any]:
             "gain": study.personal.gain, "value": study.personal.value, "impersonal": study.personal.impersonal,
             "kinds": study.personal.kinds,
         },
-        "mixture": study.chosen.rows(), "agreement": study.stability.agreement,
+        "mixture": study.chosen.rows(), "without_lots": study.chosen.best_single()[1],
+        "agreement": study.stability.agreement, "stability": study.stability.rows(),
+        "beliefs": study.stability.beliefs,
         "own_plans": len(study.own.plans), "sentence": study.sentence,
     }  # fmt: skip

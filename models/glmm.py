@@ -12,20 +12,22 @@ badly wrong, so it is never chosen silently.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from formulaic.errors import FormulaSyntaxError
-from statsmodels.base import model as base
 from statsmodels.formula._manager import FormulaManager
 from statsmodels.formula.formulatools import advance_eval_env
 
-from models.errors import located
-from models.glmm_arguments import check_iterations, check_known, check_start_params, check_starts, parameters
-from models.glmm_data import Array, Integers, Likelihood, Patterns, Rule
+from models.errors import InputError, located
+from models.glmm_arguments import check_iterations, check_known, check_start_params, check_starts
+from models.glmm_data import Array, Integers, Patterns, Rule
 from models.glmm_formula import column_error
+from models.glmm_functions import LikelihoodFunctions
+from models.glmm_gaps import check_columns, engine_error, terms_without_numbers
 from models.glmm_input import (
     check_counts,
     check_design,
@@ -43,14 +45,16 @@ from models.glmm_pickle import restore, state_of
 from models.glmm_plain import PlainDesign
 from models.glmm_prediction import predict_rows
 from models.glmm_results import LogisticMixedResults
-from models.glmm_table import check_missing, check_rows_left, is_used, numeric_table, read_table
+from models.glmm_slope import LogisticSlopeModel
+from models.glmm_slope_terms import RandomTerms
+from models.glmm_table import check_missing, check_rows_left, is_used, numeric_table, read_table, table_of
 from models.glmm_wrapper import LogisticMixedResultsWrapper
 
 DEFAULT_NODES = 25
 """Quadrature nodes where none are asked for."""
 
 
-class LogisticMixedModel(base.LikelihoodModel):
+class LogisticMixedModel(LikelihoodFunctions):
     """Logistic regression with a normal random intercept for every group.
 
     Parameters
@@ -86,6 +90,10 @@ class LogisticMixedModel(base.LikelihoodModel):
         Rows, counted by their weights.
     n_dropped : int
         Rows left out for missing values.
+    dropped_by_terms : dict of str to int
+        How many of these had all values, by the column of the design that is no number in them.
+    offset_term : str or None
+        The offset of the formula.
 
     Raises
     ------
@@ -124,6 +132,8 @@ class LogisticMixedModel(base.LikelihoodModel):
     df_model: int
     df_resid: int
     nobs: int
+    offset_term: str | None = None
+    dropped_by_terms: Mapping[str, int] = MappingProxyType({})
 
     def __init__(
         self,
@@ -207,13 +217,14 @@ class LogisticMixedModel(base.LikelihoodModel):
         quadrature: int | str = DEFAULT_NODES,
         missing: str = "drop",
         **kwargs: Any,
-    ) -> LogisticMixedModel:
+    ) -> Any:
         """Make a model from a formula and a table.
 
         Parameters
         ----------
         formula : str
-            ``outcome ~ covariates``, with ``(1|group)`` unless `groups` is given. The outcome is a column of 0 and
+            ``outcome ~ covariates``, with ``(1|group)`` unless `groups` is given, and ``offset(...)`` if there is
+            one. The outcome is a column of 0 and
             1, a count beside `trials`, or ``successes + failures`` (also ``cbind(successes, failures)``). Read by
             the formula engine that ``statsmodels.formula.options.formula_engine`` names.
         data : DataFrame or dict of columns
@@ -228,12 +239,24 @@ class LogisticMixedModel(base.LikelihoodModel):
         Raises
         ------
         InputError
-            For unknown columns, random terms other than ``(1|group)``, and data that cannot be used.
+            For unknown columns, several groups, and data that cannot be used.
+
+        Returns
+        -------
+        LogisticMixedModel, or with ``(1 + x|group)``, ``(x||group)`` and the like LogisticSlopeModel
+            The second by ``quadrature="laplace"`` only (`models.glmm_slope`).
         """
         given = {"groups": groups, "trials": trials, "freq_weights": freq_weights, "offset": offset}
-        formula, data, arrays, n_given, name = read_table(formula, data, given, subset, missing)
+        if isinstance(formula, str) and (terms := RandomTerms.read(formula)) is not None:
+            options = {**given, "subset": subset, "drop_cols": drop_cols, "quadrature": quadrature, **kwargs}
+            return LogisticSlopeModel.read(cls, terms, table_of(data), options | {"missing": missing})
+        formula, data, arrays, n_given, name, term = read_table(formula, data, given, subset, missing)
         if drop_cols is None and (plain := PlainDesign.read(formula, data)) is not None:
-            return plain.model(cls, formula, data, n_given, {**arrays, **kwargs, "group_name": name}, quadrature)
+            named = {**arrays, **kwargs, "group_name": name}
+            plain_model: LogisticMixedModel = plain.model(cls, formula, data, n_given, named, quadrature)
+            plain_model.offset_term = term
+            return plain_model
+        check_columns(formula, data, missing)
         check_rows_left([data[column] for column in data.columns if is_used(column, formula)], n_given, data)
         advance_eval_env(kwargs)
         manager = FormulaManager()
@@ -242,9 +265,12 @@ class LogisticMixedModel(base.LikelihoodModel):
                 formula, data, drop_cols=drop_cols, quadrature=quadrature, missing=missing, group_name=name,
                 **arrays, **kwargs,
             )  # fmt: skip
-        except (NameError, SyntaxError, FormulaSyntaxError, manager.factor_evaluation_error) as error:
-            raise column_error(formula, data, error) from error
-        model.n_dropped = n_given - len(model.endog)
+        except InputError:
+            raise
+        except (NameError, SyntaxError, ValueError, FormulaSyntaxError, manager.factor_evaluation_error) as error:
+            raise engine_error(formula, data, error) or column_error(formula, data, error) from error
+        model.n_dropped, model.offset_term = n_given - len(model.endog), term
+        model.dropped_by_terms = terms_without_numbers(model, formula, data)
         return model
 
     def __getstate__(self) -> dict[str, Any]:
@@ -252,47 +278,6 @@ class LogisticMixedModel(base.LikelihoodModel):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         restore(self, state)
-
-    def _likelihood(self, what: str) -> Likelihood:
-        return Likelihood(kept(self, "patterns", what), self.rule)
-
-    def _parameters(self, params: Any) -> Array:
-        """As numbers, fixed effects and sd.
-
-        Raises
-        ------
-        InputError
-            Of another number.
-        """
-        return parameters(params, [str(name) for name in self.data.param_names])
-
-    def loglike(self, params: Any) -> float:
-        """Log-likelihood at (fixed effects, sd), binomial coefficients included."""
-        return self._likelihood("loglike")(self._parameters(params))[0]
-
-    def score(self, params: Any) -> Array:
-        """Gradient of `loglike`, exact for the quadrature rule."""
-        return self._likelihood("score")(self._parameters(params))[1]
-
-    def score_obs(self, params: Any) -> Array:
-        """Scores of the groups (the independent units), ``[G, p + 1]``, in the order of `group_labels`."""
-        likelihood = self._likelihood("score_obs")
-        likelihood(self._parameters(params))
-        return likelihood.scores[self.patterns.of_group]
-
-    def loglikeobs(self, params: Any) -> Array:
-        """Log-likelihoods of the groups ``[G]``, without binomial coefficients."""
-        likelihood = self._likelihood("loglikeobs")
-        likelihood(self._parameters(params))
-        return likelihood.values[self.patterns.of_group]
-
-    def hessian(self, params: Any) -> Array:
-        """Second derivatives of `loglike`: central differences of the exact gradient."""
-        return self._likelihood("hessian").hessian(self._parameters(params))
-
-    def information(self, params: Any) -> Array:
-        """Observed information, minus the Hessian."""
-        return -self.hessian(params)
 
     def fit(
         self,

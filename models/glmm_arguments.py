@@ -85,6 +85,29 @@ def parameters(params: Any, names: Sequence[str]) -> Array:
     return values
 
 
+def positions_of(wanted: Any, names: Sequence[str]) -> list[int]:
+    """Positions of parameters that are given by position or name.
+
+    Raises
+    ------
+    InputError
+        For others, and for what is no list of them.
+    """
+    wanted = [wanted] if isinstance(wanted, (str, int, np.integer)) else wanted
+    if not np.iterable(wanted):
+        raise located("cols", wanted, "a list of positions or names of parameters")
+    out = []
+    for one in wanted:
+        whole = isinstance(one, (int, np.integer)) and not isinstance(one, bool)
+        if whole and -len(names) <= one < len(names):
+            out.append(int(one) % len(names))
+        elif isinstance(one, str) and one in names:
+            out.append(list(names).index(one))
+        else:
+            raise located("cols", one, f"positions from 0 to {len(names) - 1}, or one of {', '.join(names)}")
+    return out
+
+
 def check_start_params(params: Array) -> Array:
     """Refuse starting points without a gradient in the standard deviation, and missing values.
 

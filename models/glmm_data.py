@@ -232,7 +232,9 @@ class Likelihood:
 
     def outer_product(self) -> Array:
         """Sum over groups of the outer products of their scores at the last call (Berndt et al. 1974)."""
-        return np.asarray(np.einsum("i,ij,ik->jk", self.patterns.multiplicity, self.scores, self.scores))
+        # Long rows are what einsum is quick with.
+        columns = self.scores.T.copy()
+        return np.asarray(np.einsum("ji,ki->jk", self.patterns.multiplicity * columns, columns))
 
     @cached_property
     def sizes(self) -> Array:

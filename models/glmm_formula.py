@@ -114,6 +114,16 @@ def _quoted(formula: str, names: dict[str, str]) -> str:
     return formula
 
 
+def quoted_names(formula: str) -> str:
+    """A formula with names in backticks as the engines spell them.
+
+    Raises
+    ------
+    InputError
+    """
+    return _quoted(*_without_ticks(formula, f"formula {formula!r}"))
+
+
 def outcome_columns(formula: str) -> str:
     """Spell ``cbind(a, b)`` as the two-column outcome of the formula engines.
 

@@ -24,8 +24,7 @@ from scipy.stats import norm
 from models.errors import Phrase, located
 from models.glmm_arguments import check_alpha
 from models.glmm_data import Array
-from models.glmm_formula import named_column
-from models.glmm_input import kept, per_row, unwrapped
+from models.glmm_input import kept, unwrapped
 from models.glmm_table import is_used
 
 if TYPE_CHECKING:
@@ -33,6 +32,9 @@ if TYPE_CHECKING:
 
 STREAM = 7_401
 """First element of the spawn keys used here."""
+
+PERFECT = 1e-6
+"""How close to 0 or 1 a probability must have come where a coefficient runs off, to be said to be 0 or 1."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,10 @@ class Estimate:
     upper: float
 
     def __str__(self) -> str:
+        if np.isnan(self.value):
+            return "not determined"
+        if np.isnan([self.lower, self.upper]).all():
+            return f"{self.value:.4g} (no interval)"
         return f"{self.value:.4g} ({self.lower:.4g} to {self.upper:.4g})"
 
 
@@ -56,7 +62,7 @@ class MarginalContrast:
     setting, reference : str
         What was set.
     probability, reference_probability, difference, odds_ratio : Estimate
-        Population-averaged.
+        Population-averaged; without interval where a coefficient without a finite estimate takes part.
     conditional_odds_ratio : Estimate or None
         For one and the same person; None where it differs between rows (interactions).
     level : float
@@ -125,7 +131,8 @@ def marginal_probabilities(
     exog : DataFrame or array_like, optional
         As for `LogisticMixedResults.predict`; the data of the fit where it is not given.
     offset : str, number or array_like, optional
-        Of new rows; it must be given if the model has one (0 for none). The fit's own rows keep theirs.
+        Of new rows; it must be given if the model has one that is not in its formula (0 for none). The fit's own
+        rows keep theirs.
 
     Returns
     -------
@@ -139,25 +146,13 @@ def marginal_probabilities(
     """
     results = unwrapped(results)
     check_alpha(alpha)
-    design, index = results.design_of(exog)
-    if exog is None:
-        shift = results.model.offset if offset is None else per_row(offset, len(design), "offset")
-    else:
-        if isinstance(exog, pd.DataFrame):
-            offset = named_column(exog, offset, "offset")
-        if offset is None and results.has_offset:
-            raise located("offset", Phrase("none"), "that of the new rows (0 for none): the model has an offset")
-        shift = per_row(0.0 if offset is None else offset, len(design), "offset")
-    theta = np.asarray(results.params)
-    p, by_eta, by_sd = probability_and_slopes(shift + design @ theta[:-1], theta[-1])
-    jacobian = np.column_stack([by_eta[:, None] * design, by_sd])
-    variance = _variances(jacobian, results.cov_params())
-    half = norm.ppf(1 - alpha / 2) * np.sqrt(np.maximum(variance, 0)) / (p * (1 - p))
-    columns = {"probability": p, "lower": expit(logit(p) - half), "upper": expit(logit(p) + half)}
-    return pd.DataFrame(columns, index=index)
+    found = results.get_prediction(exog, offset=offset)
+    ends = found.conf_int(alpha)
+    columns = {"probability": found.predicted, "lower": ends[:, 0], "upper": ends[:, 1]}
+    return pd.DataFrame(columns, index=found.row_labels)
 
 
-def _variances(rows: Array, covariance: Array) -> Array:
+def variances(rows: Array, covariance: Array) -> Array:
     """Variances of linear combinations; NaN only for those with a parameter that has none."""
     without = np.isnan(np.diag(covariance))
     found = np.einsum("ij,jk,ik->i", rows, np.nan_to_num(covariance), rows)
@@ -214,19 +209,23 @@ def marginal_contrast(
         values, slopes = [], []
         for design in (first, second):
             p, by_eta, by_sd = probability_and_slopes(model.offset + design @ at[:-1], abs(at[-1]))
-            values.append(np.average(p, weights=weights))
+            beyond = (design[:, unbounded[:-1]] != 0).any(axis=1) & (np.abs(p - 0.5) > 0.5 - PERFECT)
+            values.append(np.average(np.where(beyond, np.round(p), p), weights=weights))
             row = np.column_stack([by_eta[:, None] * design, by_sd])
-            slopes.append(np.average(row, axis=0, weights=weights))
+            slope = np.average(row, axis=0, weights=weights)
+            # Nothing is known of how far a coefficient without an estimate is off, however flat p is there.
+            slope[np.append((design != 0).any(axis=0), True) & unbounded] = np.nan
+            slopes.append(slope)
         return np.array(values), np.array(slopes)
 
-    weights = model.freq_weights * model.trials
+    weights, unbounded = model.freq_weights * model.trials, results.escape.unbounded
     p, jacobian = averages(theta)
     odds = logit(p)
     if method == "delta":
         on_logit = jacobian / (p * (1 - p))[:, None]
 
         def interval(centre: float, gradient: Array) -> tuple[float, float]:
-            half = level * np.sqrt(np.maximum(_variances(gradient[None], covariance)[0], 0.0))
+            half = level * np.sqrt(np.maximum(variances(gradient[None], covariance)[0], 0.0))
             return centre - half, centre + half
 
         ends = [expit(interval(odds[i], on_logit[i])) for i in range(2)]
@@ -255,7 +254,7 @@ def marginal_contrast(
         Estimate(p[0], *map(float, ends[0])), Estimate(p[1], *map(float, ends[1])),
         Estimate(p[0] - p[1], *map(float, difference)),
         Estimate(float(np.exp(odds[0] - odds[1])), *map(float, ratio)),
-        _conditional(first - second, theta, covariance, level), 1 - alpha,
+        _conditional(first - second, results.estimates, covariance, level), 1 - alpha,
     )  # fmt: skip
 
 
@@ -271,8 +270,8 @@ def _conditional(shift: Array, theta: Array, covariance: Array, level: float) ->
     row = shift[0]
     if not np.allclose(shift, row):
         return None
-    centre = float(row @ theta[:-1])
-    half = level * float(np.sqrt(np.maximum(_variances(row[None], covariance[:-1, :-1])[0], 0.0)))
+    centre = float(np.sum(row[row != 0] * theta[:-1][row != 0]))
+    half = level * float(np.sqrt(np.maximum(variances(row[None], covariance[:-1, :-1])[0], 0.0)))
     return Estimate(float(np.exp(centre)), float(np.exp(centre - half)), float(np.exp(centre + half)))
 
 
@@ -319,4 +318,9 @@ def _set(results: LogisticMixedResults, values: Mapping[str, Any]) -> Array:
 
 
 def _words(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} = {value}" for name, value in values.items())
+    return ", ".join(f"{name} = {_word(value)}" for name, value in values.items())
+
+
+def _word(value: Any) -> str:
+    """A value as it is said: four digits are enough of a quartile."""
+    return f"{value:.4g}" if isinstance(value, float) and abs(value) < 1e4 else str(value)

@@ -12,6 +12,7 @@ from models.glmm_warnings import (
     BoundaryWarning,
     CeilingWarning,
     ConvergenceWarning,
+    DroppedRowsWarning,
     FlatLikelihoodWarning,
     MixedModelWarning,
     QuadratureWarning,
@@ -38,6 +39,10 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
     """All that apply to a fit, gravest first."""
     model, best, escape = results.model, results.maximum, results.escape
     notes: list[Note] = []
+    if model.dropped_by_terms:
+        terms = " and ".join(f"{term} is no number in {n}" for term, n in model.dropped_by_terms.items())
+        text = f"rows were left out in which all values are there: {terms} of {len(model.endog) + model.n_dropped}"
+        notes.append(Note(DroppedRowsWarning, text))
     if escape.within_groups:
         notes.append(Note(SeparationWarning, _within_groups(results)))
     if escape.separation:
@@ -99,7 +104,8 @@ def _separated(results: LogisticMixedResults) -> str:
     more = f"no row is left to estimate {' and '.join(others)} from; " if others else ""
     return (
         f"{' and '.join(separation.coefficients)}: no finite estimate, {every} predicted perfectly ({listed}); "
-        f"{more}the numbers in params are where the search stopped, there are no errors, tests or intervals"
+        f"{more}the numbers in params are where the search stopped, there are no errors or Wald tests and "
+        "intervals, and profile intervals have one end at most"
     )
 
 
@@ -120,7 +126,8 @@ def _within_groups(results: LogisticMixedResults) -> str:
         )
     return (
         f"{why}. No parameter has a finite estimate (the log-likelihood rises to {escape.limit.value:.4f}); the "
-        "numbers in params are where the search stopped, there are no errors, tests or intervals"
+        "numbers in params are where the search stopped, there are no errors or Wald tests and "
+        "intervals, and profile intervals have one end at most"
     )
 
 

@@ -224,5 +224,6 @@ def negative_definite(hessian: Array) -> bool:
     diagonal = -np.diag(hessian)
     if not np.all(np.isfinite(hessian)) or not np.all(diagonal > 0):
         return False
-    scaled = -hessian / np.sqrt(np.outer(diagonal, diagonal))
-    return bool(np.linalg.eigvalsh(scaled)[0] > 1e-9)
+    root = np.sqrt(diagonal)  # one at a time: products of the smallest diagonals are zero
+    scaled = -hessian / root[:, None] / root
+    return bool(np.isfinite(scaled).all() and np.linalg.eigvalsh(scaled)[0] > 1e-9)

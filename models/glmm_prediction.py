@@ -13,6 +13,7 @@ from models.glmm_data import Array
 from models.glmm_formula import named_column, new_design
 from models.glmm_input import kept, per_row
 from models.glmm_marginal import mean_probability
+from models.glmm_offset import offset_of_rows
 from models.glmm_table import table_of
 
 if TYPE_CHECKING:
@@ -20,8 +21,10 @@ if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
 
 
-def design_of(results: LogisticMixedResults, exog: Any) -> tuple[Array, Any]:
+def design_of(results: LogisticMixedResults, exog: Any, transform: bool = True) -> tuple[Array, Any]:
     """Design matrix of new rows, or of the fit's own, with their index.
+
+    Where `transform` is False `exog` holds columns of the design, whether there is a formula or not.
 
     Raises
     ------
@@ -33,7 +36,7 @@ def design_of(results: LogisticMixedResults, exog: Any) -> tuple[Array, Any]:
         return kept(model, "exog", "predictions for the rows of the fit"), model.data.row_labels
     if isinstance(exog, dict):
         exog = table_of(exog, "exog")
-    if hasattr(model, "formula"):
+    if hasattr(model, "formula") and transform:
         design, index = new_design(model, exog)
     else:
         try:
@@ -41,18 +44,25 @@ def design_of(results: LogisticMixedResults, exog: Any) -> tuple[Array, Any]:
         except (TypeError, ValueError):
             raise located("exog", Phrase("values that are no numbers"), "numbers") from None
         index = getattr(exog, "index", pd.RangeIndex(len(design)))
-    if design.shape[1] != len(results.params) - 1:
-        raise located("exog", Phrase(f"{design.shape[1]} columns"), f"{len(results.params) - 1}")
+    if design.shape[1] != len(model.exog_names):
+        raise located("exog", Phrase(f"{design.shape[1]} columns"), f"{len(model.exog_names)}")
     return design, index
 
 
 def offset_of(results: LogisticMixedResults, exog: Any, offset: Any) -> Any:
-    """The offset given, by name or as it is; that of the fit's own rows where there are no others."""
+    """The offset given, by name or as it is; without one that of the fit's own rows, or of the formula.
+
+    Raises
+    ------
+    InputError
+        For new rows without an offset where the model has one that is not in its formula.
+    """
     if exog is None and offset is None:
         return results.model.offset
-    if isinstance(exog, (pd.DataFrame, dict)):
-        return named_column(table_of(exog, "exog"), offset, "offset")
-    return offset
+    table = table_of(exog, "exog") if isinstance(exog, (pd.DataFrame, dict)) else None
+    if offset is None:
+        return offset_of_rows(results.model, table, results.has_offset)
+    return offset if table is None else named_column(table, offset, "offset")
 
 
 def shifts_of(results: LogisticMixedResults, exog: Any, groups: Any, n_rows: int) -> Array | None:
@@ -92,6 +102,8 @@ def predict_rows(
     if exog is None:
         exog = kept(model, "exog", "predictions for the rows of the fit")
         offset = model.offset if offset is None else offset
+    elif offset is None and model.offset is not None and model.offset.any():
+        offset_of_rows(model, None, has_offset=True)
     exog = np.atleast_2d(np.asarray(exog, float))
     if exog.shape[1] != len(params) - 1:
         raise located("exog", Phrase(f"{exog.shape[1]} columns"), f"{len(params) - 1}, as in the fit")

@@ -18,9 +18,11 @@ from models.glmm_comparison import about_fixed_effects, likelihood_ratio, untest
 from models.glmm_data import Array, Likelihood
 from models.glmm_escape import Escape, find_escape
 from models.glmm_input import kept
+from models.glmm_intervals import intervals
 from models.glmm_nodes import NodeCheck, check_nodes
 from models.glmm_optimise import Maximum
 from models.glmm_posterior import intercepts
+from models.glmm_predicted import Predictions, predictions
 from models.glmm_prediction import design_of, offset_of, shifts_of
 from models.glmm_summary import GroupSizes, summary_of
 
@@ -93,10 +95,10 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     def converged(self) -> bool:
         """Whether a maximum was found.
 
-        Not where the standard deviation runs to infinity with the coefficients, nor where the likelihood has its
-        maximum elsewhere and quadrature's error made this one.
+        Not where a parameter runs off, however flat the likelihood is where the search for it stopped, nor where
+        the likelihood has its maximum elsewhere and quadrature's error made this one.
         """
-        return self.maximum.converged and not self.escape.within_groups
+        return self.maximum.converged and not self.escape.any
 
     @property
     def comparable(self) -> bool:
@@ -121,6 +123,14 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
     def fe_params(self) -> Array:
         """Fixed effects."""
         return np.asarray(self.params[:-1])
+
+    @property
+    def estimates(self) -> Array:
+        """`params`, but where a parameter runs to (infinity, or NaN) and not where the search for it stopped."""
+        out = np.array(self.params, float)
+        unbounded = self.escape.unbounded
+        out[unbounded] = np.array([-np.inf, np.nan, np.inf])[self.escape.signs[unbounded] + 1]
+        return out
 
     @property
     def llf(self) -> float:
@@ -180,7 +190,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         return self.escape.combinations(np.asarray(super().cov_params(scale=scale, cov_p=cov_p)), r_matrix, other)
 
     # -- intervals ---------------------------------------------------------------------------------
-    def conf_int(self, alpha: float = 0.05, method: str = "wald", which: Any = None) -> Array:
+    def conf_int(self, alpha: float = 0.05, method: str = "wald", which: Any = None, cols: Any = None) -> Array:
         """Confidence intervals ``[p + 1, 2]``.
 
         Parameters
@@ -189,38 +199,19 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
             One minus the level.
         method : {"wald", "profile"}
             Estimate plus and minus multiples of the standard error (cut off at zero for the sd), or the values
-            that a likelihood-ratio test does not reject: prefer these for the sd and near the ceiling.
+            that a likelihood-ratio test does not reject: prefer these for the sd and near the ceiling. Without a
+            finite estimate there is no Wald interval; that by profile is open on one side at least.
         which : str or sequence of str, optional
             Names of parameters to profile; rows of the others are NaN.
+        cols : sequence of int or str, optional
+            Positions or names of the parameters wanted, in this order; no other has a row, nor is profiled.
 
         Raises
         ------
         InputError
             For a level outside 0 to 1, an unknown method or parameter, and a profile after `remove_data`.
         """
-        check_alpha(alpha)
-        if method == "wald":
-            if which is not None:
-                raise located("which", Phrase("given"), "method='profile' with it")
-            half = norm.ppf(1 - alpha / 2) * self.bse
-            ends = np.column_stack([self.params - half, self.params + half])
-            ends[-1] = np.maximum(ends[-1], 0.0)
-            return ends
-        if method != "profile":
-            raise located("method", method, "'wald' or 'profile'")
-        names = list(self.model.data.param_names)
-        if which is not None:
-            which = [which] if isinstance(which, str) else which
-            if not np.iterable(which):
-                raise located("which", which, "a list of names of parameters")
-            unknown = [name for name in which if not isinstance(name, str) or name not in names]
-            if unknown:
-                raise located("which", unknown[0], f"one of {', '.join(names)}")
-        patterns = kept(self.model, "patterns", "conf_int(method='profile')")
-        positions = [i for i, name in enumerate(names) if which is None or name in which]
-        ends = np.full((len(names), 2), np.nan)
-        ends[positions] = self.escape.profile(self.maximum, self.model.rule, patterns, positions, alpha)
-        return ends
+        return intervals(self, alpha, method, which, cols)
 
     @np.errstate(over="ignore")  # separated data: infinite ends are what is meant
     def odds_ratios(self, alpha: float = 0.05, method: str = "wald") -> pd.DataFrame:
@@ -232,10 +223,11 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         -------
         DataFrame
             Columns ``odds ratio``, ``lower``, ``upper``, ``z``, ``p``; the intercept's row is odds, not a ratio.
+            Infinite or 0 without a finite estimate, and then only profile intervals have ends.
         """
         ends = np.exp(self.conf_int(alpha, method)[:-1])
         columns = {
-            "odds ratio": np.exp(self.params[:-1]), "lower": ends[:, 0], "upper": ends[:, 1],
+            "odds ratio": np.exp(self.estimates[:-1]), "lower": ends[:, 0], "upper": ends[:, 1],
             "z": self.tvalues[:-1], "p": self.pvalues[:-1],
         }  # fmt: skip
         return pd.DataFrame(columns, index=self.model.data.param_names[:-1])
@@ -271,12 +263,17 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         return likelihood_ratio(self, restricted)
 
     # -- predictions -------------------------------------------------------------------------------
-    def design_of(self, exog: Any) -> tuple[Array, Any]:
+    def design_of(self, exog: Any, transform: bool = True) -> tuple[Array, Any]:
         """Design matrix of new rows, or of the fit's own, with their index."""
-        return design_of(self, exog)
+        return design_of(self, exog, transform)
 
     def predict(
-        self, exog: Any = None, which: str = "marginal", groups: Any = None, offset: Any = None
+        self,
+        exog: Any = None,
+        which: str = "marginal",
+        groups: Any = None,
+        offset: Any = None,
+        transform: bool = True,
     ) -> pd.Series:
         """Predictions for rows.
 
@@ -291,7 +288,10 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
             Label of each row's group (or the name of the column): predictions then include the mode of its
             intercept, as lme4's do. Groups that the fit has not seen are refused.
         offset : str, number or array_like, optional
-            Of new rows, 0 where it is not given; the fit's own rows keep theirs.
+            Of new rows; the fit's own rows keep theirs. An ``offset(...)`` of the formula is computed for new rows;
+            any other must be given (0 for none).
+        transform : bool
+            False: `exog` holds columns of the design, not variables of the formula.
 
         Returns
         -------
@@ -302,10 +302,25 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         InputError
             For rows without the variables, offsets or groups of another length, and groups that are unknown.
         """
-        design, index = self.design_of(exog)
+        design, index = self.design_of(exog, transform)
         offset, shifts = offset_of(self, exog, offset), shifts_of(self, exog, groups, len(design))
+        offset = 0.0 if offset is None else offset
         values = self.model.predict(self.params, design, which=which, offset=offset, intercepts=shifts)
         return pd.Series(values, index=index)
+
+    def get_prediction(
+        self, exog: Any = None, which: str = "marginal", offset: Any = None, transform: bool = True
+    ) -> Predictions:
+        """Predictions with standard errors and intervals; arguments as for `predict`.
+
+        Intercepts of known groups have no place here: their uncertainty is that of `random_effects`.
+
+        Returns
+        -------
+        Predictions
+            With ``predicted``, ``se``, ``conf_int()`` and ``summary_frame()``, as in statsmodels.
+        """
+        return predictions(self, exog, which, offset, transform)
 
     @cache_readonly
     def fittedvalues(self) -> Array:
@@ -369,3 +384,7 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         """
         check_alpha(alpha)
         return summary_of(self, alpha, method, title)
+
+    def summary2(self, alpha: float = 0.05, method: str = "wald", title: str | None = None) -> Any:
+        """`summary`, which is of statsmodels' newer kind, by the name that some of its models have for that."""
+        return self.summary(alpha, method, title)

@@ -159,6 +159,25 @@ def _shortest(apart: Array, left: Array, unit: Array, otherwise: Array) -> Array
     return otherwise if found.x is None else np.asarray(found.x[:size])
 
 
+def separated_without(patterns: Patterns, separation: Separation, index: int) -> bool:
+    """Whether the same rows are separated as well by a direction in which one coefficient stays where it is."""
+    design, _, y, m = patterns.cells
+    coordinates = Coordinates.of(patterns.design)
+    x = coordinates.apply(design)
+    left = separation.left[patterns.cell_of_row[1]]
+    held = np.vstack([x[left], coordinates.matrix[index : index + 1, :-1]])
+    held = held / np.maximum(np.linalg.norm(held, axis=1, keepdims=True), 1e-300)
+    _, values, basis = np.linalg.svd(held)
+    free = basis[int(np.sum(values > 1e-9 * values.max())) :]
+    if not len(free):
+        return False
+    apart = np.where(y == m, 1.0, -1.0)[~left, None] * (x[~left] @ free.T)
+    size = np.maximum(np.abs(apart).max(axis=1, keepdims=True), 1e-300)
+    return (
+        linprog(np.zeros(len(free)), A_ub=-apart / size, b_ub=-np.ones(len(apart)), bounds=(None, None)).status == 0
+    )
+
+
 def ceiling_cells(patterns: Patterns, names: Sequence[str]) -> tuple[Cell, ...]:
     """Cells with at least ten trials, all with the same outcome; none where covariates are continuous."""
     # One continuous covariate is seen at once; rows have to be compared only where there is none.

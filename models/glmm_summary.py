@@ -73,7 +73,7 @@ def summary_of(results: LogisticMixedResults, alpha: float, method: str, title: 
     if escape.within_groups and escape.limit is not None:
         criteria = [f"rises to {escape.limit.value:.4f}", "none", "none"]
     elif results.node_check.wrong:
-        criteria[0] += f" (exactly {results.node_check.exact:.4f})"
+        criteria[0] += f" ({results.node_check.exact_text})"
     header = {
         "Model:": "Logistic mixed model",
         "Outcome:": model.outcome_name,
@@ -89,9 +89,7 @@ def summary_of(results: LogisticMixedResults, alpha: float, method: str, title: 
         "Covariance:": results.cov_type,
     }
     ends, of_sd = _intervals(results, alpha, method)
-    estimates = np.array(results.params)
-    # Where a parameter runs to, not where the search stopped.
-    estimates[escape.unbounded] = np.array([-np.inf, np.nan, np.inf])[escape.signs[escape.unbounded] + 1]
+    estimates = results.estimates
     with np.errstate(over="ignore"):
         ratios = np.append(np.exp(estimates[:-1]), np.nan)
     columns = {
@@ -121,7 +119,7 @@ _NAMES = {"wald": "Wald", "profile": "profile likelihood"}
 def _intervals(results: LogisticMixedResults, alpha: float, method: str) -> tuple[Array, str]:
     """Intervals of the table, and the kind of that of the sd, which is by profile wherever it can be."""
     ends = np.array(results.conf_int(alpha, method))
-    if method == "profile" or results.model.patterns is None:
+    if method == "profile" or results.model.patterns is None or results.escape.unbounded[-1]:
         return ends, _NAMES[method]
     ends[-1] = results.conf_int(alpha, "profile", which=[results.model.data.param_names[-1]])[-1]
     return ends, _NAMES["profile"]

@@ -12,11 +12,12 @@ import pandas as pd
 from models.errors import Phrase, located
 from models.glmm_formula import named_column, numeric_outcome, outcome_columns, select_rows, split_groups
 from models.glmm_input import per_row
+from models.glmm_offset import offset_values, split_offset
 
 
 def read_table(
     formula: Any, data: Any, given: dict[str, Any], subset: Any, missing: str
-) -> tuple[str, pd.DataFrame, dict[str, Any], int, str]:
+) -> tuple[str, pd.DataFrame, dict[str, Any], int, str, str | None]:
     """What a formula and a table come to before any engine sees them.
 
     Parameters
@@ -29,13 +30,15 @@ def read_table(
     Returns
     -------
     formula : str
-        Without the random intercept.
+        Without the random intercept and the offset.
     data, arrays
         The rows to use, of the table and beside it.
     n_given : int
         Rows before any were left out for missing values.
     name : str
         Of the groups.
+    offset : str or None
+        The offset of the formula.
 
     Raises
     ------
@@ -46,12 +49,16 @@ def read_table(
     check_missing(missing, ("drop", "raise"))
     data = table_of(data)
     formula, groups = split_groups(formula, given["groups"])
-    formula = outcome_columns(formula)
+    formula, offset = split_offset(outcome_columns(formula))
     check_columns_once(data, formula)
     data = plain_columns(data, formula)
     arrays: dict[str, Any] = {
         key: named_column(data, value, key) for key, value in (given | {"groups": groups}).items()
     }
+    if offset is not None:
+        if arrays["offset"] is not None:
+            raise located("offset", Phrase(f"offset({offset}) in the formula as well"), "one of them")
+        arrays["offset"] = offset_values(offset, data)
     for key, value in arrays.items():
         if key != "groups" and value is not None and np.ndim(value) == 0:
             arrays[key] = per_row(value, len(data), key)
@@ -63,7 +70,7 @@ def read_table(
         raise located(
             "data", Phrase(f"a missing value in every one of {n_given} rows, of {beside}"), "rows without any"
         )
-    return formula, data, arrays, n_given, str(name)
+    return formula, data, arrays, n_given, str(name), offset
 
 
 def check_missing(missing: Any, allowed: Sequence[str]) -> None:

@@ -11,6 +11,10 @@ class SeparationWarning(MixedModelWarning):
     """Covariates predict the outcome perfectly, or within every group: parameters run off to infinity."""
 
 
+class DroppedRowsWarning(MixedModelWarning):
+    """A term of the formula is no number in rows whose values are all there, and they were left out."""
+
+
 class FlatLikelihoodWarning(MixedModelWarning):
     """The likelihood at infinity is within reach of an interval, though lower than at the estimate."""
 

@@ -8,6 +8,7 @@ import pandas as pd
 from statsmodels.base import model as base
 from statsmodels.base import wrapper as wrap
 
+from models.glmm_arguments import positions_of
 from models.glmm_results import LogisticMixedResults
 
 
@@ -19,8 +20,16 @@ class LogisticMixedResultsWrapper(base.LikelihoodResultsWrapper):
     )
 
     _wrap_methods: ClassVar = {
-        k: v for k, v in base.LikelihoodResultsWrapper._wrap_methods.items() if k != "cov_params"
+        k: v for k, v in base.LikelihoodResultsWrapper._wrap_methods.items() if k not in ("cov_params", "conf_int")
     }
+
+    def conf_int(self, *args: Any, **kwargs: Any) -> Any:
+        """See `LogisticMixedResults.conf_int`; named by parameters, also where only some are wanted."""
+        plain = self._results.conf_int(*args, **kwargs)
+        names = list(self._results.model.data.param_names)
+        cols = args[3] if len(args) > 3 else kwargs.get("cols")
+        rows = names if cols is None else [names[i] for i in positions_of(cols, names)]
+        return pd.DataFrame(plain, index=rows)
 
     def cov_params(self, *args: Any, **kwargs: Any) -> Any:
         """See `LogisticMixedResults.cov_params`; named by parameters, but of linear combinations plain.

@@ -32,8 +32,9 @@ SEED = 1
 
 # %%
 from analysis.datasets import load, log_digest
+from analysis.endless_study import endless_study
 from analysis.evidence import read_evidence
-from analysis.figures.draw_solutions import stability_walk
+from analysis.figures.draw_solutions import stability_along, stability_map, value_distribution
 from analysis.figures.information import information_by_block, information_by_people
 from analysis.figures.notebook import show
 from analysis.figures.robust import caution, plan_comparison, stability_tree, value_distributions
@@ -42,13 +43,12 @@ from analysis.next_studies import published_studies
 from analysis.policy_study import STUDY2
 from models.baum_welch import BaumWelch
 from models.nuts import NutsSettings
-from models.planning.batch import solve_draws
 from models.planning.exact import solve_schedule
 from models.planning.latent import LatentBatch
 from models.planning.mode_process import alternating
 from models.planning.schedule import Schedule
 from models.robust.candidates import standard_candidates
-from models.robust.cautious import cautious_plan
+from models.robust.cautious import acting_words, cautious_plan
 from models.robust.contested import contested, flip_points
 from models.robust.frontier import frontier
 from models.robust.information import perfect_information
@@ -97,7 +97,14 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# The first decision is safe, and so are the late ones: with few rounds left, help cannot pay for itself in any draw. In
+# Event by event: how many of the draws agree, where fewest do, what being wrong costs there, and what the responses have told
+# of the draws so far (in bits; four thousand equally likely ones are twelve bits of doubt).
+
+# %%
+stability.by_event.round(3)
+
+# %% [markdown]
+# The first decision is safe, and so are the late ones: with few rounds left, help pays for itself in hardly any draw. In
 # between, whether to help after the first responses is nearly a coin toss between draws, and being wrong is not cheap.
 #
 # ## What do the usual shortcuts cost?
@@ -113,7 +120,8 @@ show(
 )  # fmt: skip
 
 # %%
-prices.table[["name", "mean", "held_out_mean", "cvar", "max_regret", "gain_mean", "gain_probability"]].round(2)
+shown = ["mean", "held_out_mean", "cvar", "gain_mean", "gain_cvar", "gain_probability", "cvar_regret", "max_regret"]
+prices.table.set_index("name")[shown].round(2)
 
 # %% [markdown]
 # The plan of the point estimate acts on tables that the data do not support, and pays for it. The tables' *means* do as well
@@ -156,10 +164,10 @@ show(
 
 # %%
 careful = cautious_plan(flipped, 0.1)
-print(
-    f"worst tenth: {careful.lower:.3f}, gap {careful.gap:.1g}; mean {careful.mean:.3f}; plans {len(careful.plans)}"
-)
-careful.rows()[0]
+print(f"worst tenth: {careful.lower:.3f}, gap {careful.gap:.1g}; mean {careful.mean:.3f}")
+for plan_, share in zip(careful.plans, careful.share, strict=True):
+    print(f"{share:.0%}:", " · ".join(acting_words(flipped, plan_)))
+print(f"without drawing lots at most {careful.without_lots().gap:.2g} is lost")
 
 # %% [markdown]
 # ## Is more data worth it?
@@ -190,6 +198,8 @@ studies = published_studies(draws.protocol, "HRHRH")
 sizes = (50, 200) if FAST else (50, 100, 200, 400)
 worth = sample_information(study, studies, sizes, replicates=20 if FAST else 100, seed=SEED, perfect=perfect)
 print(worth.sentence)
+print(f"In one sentence: {stability.standings[0].words[:-1]}; {worth.best.words} would take away "
+      f"{worth.best.share_of(perfect.value)} of what doubt costs.")  # fmt: skip
 show(
     information_by_people(worth), "simulated",
     "Expected gain from more people, by condition, and with actions that vary within every person. Dashed: perfect knowledge.",
@@ -198,15 +208,37 @@ show(
 # %% [markdown]
 # ## Without an end
 #
-# The same doubt in the repeated interaction: every draw solved with its certificate, and which action the draws prefer over
-# the robot's belief.
+# The same doubt in the repeated interaction: every draw solved with its certificate. No tree of histories has an end there, so
+# plans are finite-state controllers, each valued in every draw by linear systems; the draws' upper bounds say what no policy
+# exceeds.
 
 # %%
-batch = LatentBatch(draws.thin(100 if FAST else 1000), alternating(draws.protocol))
-solution = solve_draws(batch)
-print(solution.sentence)
+batch = LatentBatch(draws.thin(60 if FAST else 400), alternating(draws.protocol))
+endless = endless_study(batch, STUDY2)
+print(endless.solution.sentence)
+print(endless.pool.sentence)
 show(
-    stability_walk(solution), "simulated", "Share of the draws that prefer each action, over a walk through the beliefs.",
+    value_distribution(endless.pool), "simulated", "What the repeated interaction is worth in each draw, by plan.",
+)  # fmt: skip
+
+# %% [markdown]
+# Which action do the draws prefer, over all beliefs that the robot may hold? Draws are solved from the corners of the simplex
+# too, for a solution is certified where it starts, and may be poor elsewhere.
+
+# %%
+show(
+    stability_map(endless.wide), "simulated",
+    "Share of the draws that prefer to act, over beliefs about three states at a time; the dark line splits the draws in half.",
+)  # fmt: skip
+
+# %% [markdown]
+# And along the study's histories, each draw at its own belief, with the robot following the plan of the mean tables:
+
+# %%
+print(endless.along.sentence)
+show(
+    stability_along(endless.along), "simulated",
+    "Share of the draws that prefer to act next. One dot a history, larger the more probable it is; lines are means.",
 )  # fmt: skip
 
 # %% [markdown]

@@ -22,7 +22,7 @@ COMMANDS = [
 ]
 NEEDS_MORE = (
     "report", "bench", "import", "em ", "bayes", "compare", "calibrate", "recover", "anova", "mixed-model",
-    "contraction", "glmm", "plan", "robust", "solve-draws", "coverage", "replicate",
+    "contraction", "glmm", "plan", "robust", "solve-draws", "coverage", "replicate", "play", "study2",
 )  # fmt: skip
 """Commands with tests of their own, or that want a file of the reader's."""
 

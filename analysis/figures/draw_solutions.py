@@ -18,6 +18,7 @@ from analysis.figures.style import (
     FAINT,
     INK,
     LINES,
+    MARKERS,
     RULE,
     SEQUENTIAL,
     axes,
@@ -25,11 +26,13 @@ from analysis.figures.style import (
     spoken,
     styled,
 )
+from models.errors import Phrase, located
 
 if TYPE_CHECKING:
-    from models.planning.batch import BatchSolution
     from models.robust.belief_stability import BeliefStability
     from models.robust.controller_pool import ControllerPool
+    from models.robust.history_stability import HistoryStability
+    from models.robust.wider_solution import WideSolution
 
 LEVELS = np.linspace(0, 1, 11)
 """Steps of the share in colour."""
@@ -37,10 +40,13 @@ LEVELS = np.linspace(0, 1, 11)
 FACES = 4
 """Triangles a mode at most; with more states the one of the first, middle and last is drawn."""
 
+STEPS = 200
+"""Steps that a curve over draws is drawn with at most."""
+
 
 @styled
 def stability_map(
-    solution: BatchSolution, *, points: int = 20, faces: Sequence[tuple[int, int, int]] | None = None
+    solution: WideSolution, *, points: int = 20, faces: Sequence[tuple[int, int, int]] | None = None
 ) -> Figure:
     """Draw the share of draws that prefer an active action, over beliefs about three states at a time.
 
@@ -49,8 +55,8 @@ def stability_map(
 
     Parameters
     ----------
-    solution : BatchSolution
-        Of at least three states; widened (`models.robust.wider_solution`), for the corners are far from the start.
+    solution : WideSolution
+        Of at least three states; the corners are far from the start, so solutions from there are needed.
     points : int
         Steps along an edge.
     faces : sequence of three state numbers, optional
@@ -58,6 +64,7 @@ def stability_map(
     """
     from models.robust.belief_stability import belief_stability, face_grid
 
+    _check_wide(solution)
     draws = solution.batch.draws
     n, names = draws.n_states, draws.model(0).state_names
     if faces is None:
@@ -98,7 +105,7 @@ def stability_map(
 
 
 @styled
-def stability_walk(solution: BatchSolution, *, points: int = 40) -> Figure:
+def stability_walk(solution: WideSolution, *, points: int = 40) -> Figure:
     """Draw what draws prefer and what each action loses, over a walk from each state to the next.
 
     One column a mode that leaves a choice. Above, the share of draws that prefer an active action; the band over it
@@ -107,13 +114,14 @@ def stability_walk(solution: BatchSolution, *, points: int = 40) -> Figure:
 
     Parameters
     ----------
-    solution : BatchSolution
-        Widened, as for `stability_map`.
+    solution : WideSolution
+        As for `stability_map`.
     points : int
         Beliefs between two states.
     """
     from models.robust.belief_stability import belief_stability, edge_walk
 
+    _check_wide(solution)
     draws = solution.batch.draws
     n, names = draws.n_states, draws.model(0).state_names
     modes = [x for x, mode in enumerate(draws.protocol.modes) if len(mode.actions) > 1]
@@ -156,6 +164,43 @@ def stability_walk(solution: BatchSolution, *, points: int = 40) -> Figure:
 
 
 @styled
+def stability_along(found: HistoryStability, *, ax: Axes | None = None) -> Axes:
+    """Draw what draws prefer after every history of a study: one dot a history, larger the more probable it is.
+
+    Height is the share of draws that prefer an active action, undecided draws split equally; lines go through the
+    means over histories.
+
+    Parameters
+    ----------
+    found : HistoryStability
+    ax : Axes, optional
+    """
+    ax = axes(0.65 * len(found.events) + 1.6, 3.0) if ax is None else ax
+    modes = list(dict.fromkeys(e.stability.mode for e in found.events))
+    for i, mode in enumerate(modes):
+        events = [e for e in found.events if e.stability.mode == mode]
+        null = found.null_actions[mode]
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        means, active = [], [spoken(a) for a in events[0].stability.actions if a != null]
+        for e in events:
+            share, p = active_share(e.stability, null), e.probability / e.probability.sum()
+            means.append(float(p @ share))
+            ax.scatter(np.full(len(p), e.event + 1), share, s=8 + 220 * p, color=colour, alpha=0.45, linewidths=0,
+                       marker=marker)  # fmt: skip
+        label = f"{' or '.join(active)} ({spoken(mode)})" if active else f"no choice ({spoken(mode)})"
+        ax.plot([e.event + 1 for e in events], means, color=colour, linestyle=LINES[i % len(LINES)], marker=marker,
+                markersize=3.5, label=label)  # fmt: skip
+    ax.axhline(0.5, color=RULE, linewidth=0.8, zorder=0)
+    ax.set_ylim(-0.04, 1.04)
+    ax.yaxis.set_major_formatter(PercentFormatter(1))
+    ax.set_xticks([e.event + 1 for e in found.events], [f"{k + 1}\n{c}" for k, c in enumerate(found.letters)])
+    ax.set(xlabel="event and mode", ylabel="share of draws that prefer it")
+    ax.grid(axis="y")
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=len(modes))
+    return ax
+
+
+@styled
 def value_distribution(
     pool: ControllerPool, controllers: Sequence[str] | None = None, *, ax: Axes | None = None
 ) -> Axes:
@@ -170,11 +215,11 @@ def value_distribution(
         Names; the best one in the mean, and the baselines that are there, by default.
     ax : Axes, optional
     """
-    ax = axes(5.2, 3.2) if ax is None else ax
+    ax = axes(6.6, 3.4) if ax is None else ax
     if controllers is None:
         usual = [b for b in ("never", "always", "reactive") if b in pool.names]
         controllers = list(dict.fromkeys([pool.names[pool.best], *usual]))
-    rows = [("optimum of each draw\n(upper bound)", pool.upper)]
+    rows = [("optimum of each draw, upper bound", pool.upper)]
     best = pool.names[pool.best]
     shown = {name: f"{name} (best in the mean)" if name == best else name for name in controllers}
     rows += [(shown[name], pool.values[pool.number(name)]) for name in controllers]
@@ -183,7 +228,8 @@ def value_distribution(
         order = np.argsort(values)
         share = np.cumsum(pool.weight[order])
         mean = float(pool.weight @ values)
-        ax.step(values[order], share, where="post", color=colour, linestyle=LINES[i % len(LINES)],
+        keep = np.unique(np.linspace(0, len(order) - 1, min(len(order), STEPS)).astype(int))
+        ax.step(values[order][keep], share[keep], where="post", color=colour, linestyle=LINES[i % len(LINES)],
                 label=f"{name}: {mean:.4g}")  # fmt: skip
         ax.plot([mean], [np.interp(mean, values[order], share)], "o", color=colour, markersize=4.5)
     ax.set_ylim(0, 1)
@@ -191,8 +237,19 @@ def value_distribution(
     ax.set_xlabel("value without horizon, reward units")
     ax.set_ylabel("share of draws below")
     ax.grid(axis="y")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="mean", alignment="left")
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=2, title="mean", alignment="left")
     return ax
+
+
+def _check_wide(solution: WideSolution) -> None:
+    """Refuse draws that were solved from their start only: elsewhere their vectors may be poor."""
+    from models.robust.wider_solution import WideSolution
+
+    if not isinstance(solution, WideSolution):
+        found = Phrase("draws solved from their start only")
+        raise located(
+            "decisions over the simplex, solution", found, "one from models.robust.wider_solution.widened"
+        )
 
 
 def active_share(stability: BeliefStability, null_action: str) -> NDArray[np.float64]:

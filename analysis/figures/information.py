@@ -19,7 +19,7 @@ def information_by_block(found: PartialInformation, *, title: str = "", ax: Axes
     """Draw one bar a block of the tables, the largest first, beside what perfect knowledge would be worth.
 
     Bars are the cross-fitted estimate with twice its standard error, diamonds the one that is scored on the draws
-    that the plans were chosen with.
+    that the plans were chosen with. With too few draws there are diamonds only.
 
     Parameters
     ----------
@@ -27,15 +27,18 @@ def information_by_block(found: PartialInformation, *, title: str = "", ax: Axes
     title : str
     ax : Axes, optional
     """
-    rows = sorted(found.rows, key=lambda r: (-r.worth, -r.in_sample))
+    rows = sorted(found.rows, key=lambda r: (-np.nan_to_num(r.worth), -r.in_sample))
     ax = axes(6.2, 1.6 + 0.3 * len(rows)) if ax is None else ax
     at = np.arange(len(rows))
-    worth, known = np.array([max(r.worth, 0.0) for r in rows]), np.array([r.probabilities > 0 for r in rows])
-    ax.barh(at[known], worth[known], height=0.62, color=COLOURS[4], edgecolor=COLOURS[0], linewidth=0.8,
-            label="cross-fitted, ±2 standard errors", zorder=2)  # fmt: skip
-    se = np.array([0.0 if np.isnan(r.se) else r.se for r in rows])
-    ax.errorbar(worth[known], at[known], xerr=2 * se[known], linestyle="none", color=INK, capsize=2.5,
-                elinewidth=1.0, zorder=3)  # fmt: skip
+    known = np.array([r.probabilities > 0 for r in rows])
+    told = known & np.array([not np.isnan(r.worth) for r in rows])
+    worth = np.array([max(np.nan_to_num(r.worth), 0.0) for r in rows])
+    se = np.array([np.nan_to_num(r.se) for r in rows])
+    if told.any() or not known.any():
+        ax.barh(at[told], worth[told], height=0.62, color=COLOURS[4], edgecolor=COLOURS[0], linewidth=0.8,
+                label="cross-fitted, ±2 standard errors", zorder=2)  # fmt: skip
+        ax.errorbar(worth[told], at[told], xerr=2 * se[told], linestyle="none", color=INK, capsize=2.5,
+                    elinewidth=1.0, zorder=3)  # fmt: skip
     optimistic = np.array([r.in_sample for r in rows])
     ax.plot(optimistic[known], at[known], "D", color=COLOURS[1], markersize=4.5, markeredgecolor="white",
             markeredgewidth=0.6, label="scored on the draws that plans were chosen with", zorder=4)  # fmt: skip

@@ -44,6 +44,9 @@ class ProblemArrays(NamedTuple):
     span, largest, least : float
         Largest difference between two values, largest size of one, and what values count as at least where gaps are
         told relative to them: `Problem.span`, `Problem.largest_value`, `Problem.least_size`.
+    halt : int64[1]
+        Set by whoever wants kernels to come back at once, from another thread: they look at it at least once a
+        belief, and leave what they worked on sound.
     """
 
     discount: float
@@ -67,6 +70,7 @@ class ProblemArrays(NamedTuple):
     span: float
     largest: float
     least: float
+    halt: Index
 
 
 def arrays_of(problem: Problem) -> ProblemArrays:
@@ -94,7 +98,7 @@ def arrays_of(problem: Problem) -> ProblemArrays:
         row_start, columns, values, seen_start, seen_outcome, seen_value,
         np.repeat(np.array([b.mode for b in branches], dtype=np.int64), seen),
         np.array([o for b in branches for o in b.observations], dtype=np.int64), reward,
-        problem.span, problem.largest_value, problem.least_size,
+        problem.span, problem.largest_value, problem.least_size, np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 

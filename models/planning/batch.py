@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from models.errors import located
 from models.planning.arrays import Array, Index
 from models.planning.grid_run import GridRun, blind_slots, new_run, solve_run
+from models.planning.grid_search import point_bytes
 from models.planning.grid_solver import DONE
 from models.planning.latent import LatentBatch
+from models.planning.loading import load_kernels
 from models.planning.precision import relative_gap
 from models.planning.solution import TracePoint
-from models.planning.solver import GRID_STATES, solve, tidied, touching
+from models.planning.solver import GRID_STATES, MEMORY, solve, tidied, touching
 from models.spread_out import chunks, spread_out
 from models.work_clock import WorkClock
 
@@ -85,8 +87,10 @@ class BatchSolution:
     @property
     def relative_gap(self) -> Array:
         """Gaps as shares of the larger bound's size (`models.planning.precision`), shape ``[draw]``."""
-        least = self.batch.template.least
-        return np.array([relative_gap(s.lower, s.upper, least) for s in self.solutions])
+        return np.array([
+            relative_gap(s.lower, s.upper, least)
+            for s, least in zip(self.solutions, self.batch.least_size, strict=True)
+        ])  # fmt: skip
 
     @property
     def certified(self) -> NDArray[np.bool_]:
@@ -111,6 +115,7 @@ def solve_draws(
     threads: int | None = None,
     executor: Executor | None = None,
     time_limit: float = 60.0,
+    memory_limit: int = MEMORY,
     progress: Callable[[int, int], None] | None = None,
 ) -> BatchSolution:
     """Solve every draw of a model.
@@ -128,6 +133,8 @@ def solve_draws(
         Somebody else's processes, or a cluster, instead of threads: draws are sent in portions.
     time_limit : float
         Seconds for one draw that the first attempt leaves unsolved.
+    memory_limit : int
+        Bytes for one draw: every thread takes as much at most, so that results do not depend on their number.
     progress : callable, optional
         Called with draws done and draws in all.
 
@@ -142,6 +149,8 @@ def solve_draws(
         raise located("precision", precision, "a number above 0")
     if not time_limit > 0:
         raise located("time limit", time_limit, "above 0 seconds")
+    if not memory_limit > 0:
+        raise located("memory limit", memory_limit, "above 0 bytes")
     if threads is not None and threads < 1:
         raise located("threads", threads, "at least 1")
     clock = WorkClock()
@@ -149,7 +158,8 @@ def solve_draws(
         # A portion may hold draws without weight only, and weights do not matter here.
         even = replace(batch.draws, weight=np.full(len(batch), 1.0 / len(batch)))
         pieces = [
-            (replace(batch, draws=even.some(span)), precision, time_limit) for span in chunks(len(batch), PORTION)
+            (replace(batch, draws=even.some(span)), precision, time_limit, memory_limit)
+            for span in chunks(len(batch), PORTION)
         ]
         parts = spread_out(executor, _portion, pieces, progress)
         return BatchSolution(batch, sum(parts, ()), precision, clock.wall(), clock.compile_seconds)
@@ -161,9 +171,10 @@ def solve_draws(
     small = batch.draws.n_states <= GRID_STATES
     done, lock, stopped = [0], threading.Lock(), threading.Event()
     runs: list[GridRun] = []
+    points = max(64, min(POINTS, memory_limit // (2 * point_bytes(batch.template)))) if small else 0
     if small and len(batch):
-        # Compiled before the clock of any draw starts, and by one thread.
-        _attempt(batch, 0, new_run(batch.template, 64, 64 + blind_slots(batch.template)), modes, weight, 1.0, 1)
+        with clock.preparing():
+            load_kernels("run")  # before the clock of any draw starts
 
     def go_on(_: TracePoint) -> None:
         # Signals reach the main thread only; the others are told here, between steps.
@@ -175,11 +186,13 @@ def solve_draws(
         solution = None
         if small:
             if not hasattr(local, "run"):
-                local.run = new_run(batch.template, POINTS, SLOTS + blind_slots(batch.template))
+                local.run = new_run(batch.template, points, min(SLOTS, points) + blind_slots(batch.template))
                 runs.append(local.run)
             solution = _attempt(batch, d, local.run, modes, weight, precision, ROUNDS)
         if solution is None:
-            full = solve(batch.problem(d), precision, time_limit=time_limit, progress=go_on)
+            full = solve(
+                batch.problem(d), precision, time_limit=time_limit, memory_limit=memory_limit, progress=go_on
+            )
             solution = DrawSolution(
                 full.lower, full.upper, full.status, 0.0, full.alpha, full.mode, full.choice, full.follow
             )
@@ -205,10 +218,10 @@ def solve_draws(
     return BatchSolution(batch, solutions, precision, clock.wall(), clock.compile_seconds)
 
 
-def _portion(piece: tuple[LatentBatch, float, float]) -> tuple[DrawSolution, ...]:
+def _portion(piece: tuple[LatentBatch, float, float, int]) -> tuple[DrawSolution, ...]:
     """Some draws on one thread of another process."""
-    batch, precision, time_limit = piece
-    return solve_draws(batch, precision, threads=1, time_limit=time_limit).solutions
+    batch, precision, time_limit, memory_limit = piece
+    return solve_draws(batch, precision, threads=1, time_limit=time_limit, memory_limit=memory_limit).solutions
 
 
 def _attempt(

@@ -5,6 +5,10 @@ sawtooth (Hauskrecht 2000), :math:`c \cdot b + \min_i \phi_i(b)\,(v_i - c \cdot 
 :math:`\phi_i(b) = \min_{y: b_i(y) > 0} b(y) / b_i(y)` over the points :math:`(b_i, v_i)` of its mode and the
 values `c` of its corners. *Lower bound*: the best alpha vector. Both are looked up anew only against points and
 vectors that have come since the last look: what was not better then is not better now.
+
+A point that another one is at least as deep as at its own belief is so everywhere: from
+:math:`b \ge \phi_i(b)\, b_i` and :math:`b_i \ge \phi_k(b_i)\, b_k` follows
+:math:`\phi_k(b) \ge \phi_i(b)\, \phi_k(b_i)`. It is given up as soon as that is seen.
 """
 
 from __future__ import annotations
@@ -22,6 +26,9 @@ from models.planning.vectors import Vectors
 SAME = 1e-14
 """Beliefs that agree to this are one node; what they differ by is charged to the upper bound."""
 
+WAYS = 4
+"""Ways on that there is room for, a node."""
+
 TINY = 1e-13
 """Improvements below this share of the largest value there can be are rounding."""
 
@@ -31,8 +38,8 @@ class Tree(NamedTuple):
 
     Attributes
     ----------
-    counts : int64[4]
-        Nodes, points, units of work done, and trials.
+    counts : int64[5]
+        Nodes, points, units of work done, trials, and ways.
     table : int32[h]
         Hash table of nodes, -1 where free; `h` a power of two.
     mode : int64[i]
@@ -44,9 +51,13 @@ class Tree(NamedTuple):
         How many vectors and points there were when the node was last looked up.
     ahead : float64[i, a]
         Upper bound of each choice as of when it was last looked at.
-    child : int32[i, z]
-        Node after each outcome of each choice of the mode, -1 where impossible or not looked at.
-    probability : float64[i, z]
+    first_way, ways : int64[i, a], int32[i, a]
+        Where the ways on from an opened choice begin, and how many there are: one for every possible outcome.
+    way_outcome : int32[e]
+        Outcome of a way, counted from the choice's first.
+    way_child : int32[e]
+        Node it leads to.
+    way_probability : float64[e]
     charge : float64[i, a]
         What the children of a choice may be worth more than the nodes that stand for them: by
         :math:`\lVert b - b' \rVert_1 / 2` of the largest difference between values.
@@ -54,10 +65,14 @@ class Tree(NamedTuple):
         Whether the children of a choice are there.
     corner : float64[x, w]
         Upper bound where the hidden state is known.
+    point_of : int64[i]
+        The sawtooth point of each node, -1 if it has none.
+    covered : float64[i]
+        What the sawtooth is known to say of each node at most.
     point_node : int64[p]
         Node of each sawtooth point.
     point_depth : float64[p]
-        How far it lies below the plane of the corners, negative.
+        How far it lies below the plane of the corners, negative; zero once it has been given up.
     point_previous : int64[p]
         The next older point of the same mode, -1 at the end.
     point_last : int64[x]
@@ -76,11 +91,16 @@ class Tree(NamedTuple):
     seen_vectors: Index
     seen_points: Index
     ahead: Array
-    child: NDArray[np.int32]
-    probability: Array
+    first_way: Index
+    ways: NDArray[np.int32]
+    way_outcome: NDArray[np.int32]
+    way_child: NDArray[np.int32]
+    way_probability: Array
     charge: Array
     opened: NDArray[np.bool_]
     corner: Array
+    point_of: Index
+    covered: Array
     point_node: Index
     point_depth: Array
     point_previous: Index
@@ -89,17 +109,22 @@ class Tree(NamedTuple):
 
 
 def empty_tree(problem: ProblemArrays, capacity: int, corner: Array, planes: Array) -> Tree:
-    """A tree without nodes, with room for so many nodes and twice as many points."""
+    """A tree without nodes, with room for so many nodes, twice as many points and `WAYS` times as many ways.
+
+    Room is zeros, which cost nothing before they are written to; nodes are filled in when they are made.
+    """
     width = problem.reward.shape[1]
     actions = int(np.diff(problem.mode_choice).max())
-    outcomes = int(np.diff(problem.choice_outcome[problem.mode_choice]).max())
+    ways = max(WAYS * capacity, int(np.diff(problem.choice_outcome).max()))
     slots = 1 << int(2 * capacity - 1).bit_length()
     return Tree(
-        np.zeros(4, dtype=np.int64), np.full(slots, -1, dtype=np.int32), np.zeros(capacity, dtype=np.int64),
+        np.zeros(5, dtype=np.int64), np.full(slots, -1, dtype=np.int32), np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, width)), np.zeros(capacity), np.zeros(capacity), np.zeros(capacity, dtype=np.int64),
         np.zeros(capacity, dtype=np.int64), np.zeros(capacity, dtype=np.int64), np.zeros((capacity, actions)),
-        np.full((capacity, outcomes), -1, dtype=np.int32), np.zeros((capacity, outcomes)),
+        np.zeros((capacity, actions), dtype=np.int64), np.zeros((capacity, actions), dtype=np.int32),
+        np.zeros(ways, dtype=np.int32), np.zeros(ways, dtype=np.int32), np.zeros(ways),
         np.zeros((capacity, actions)), np.zeros((capacity, actions), dtype=np.bool_), corner.copy(),
+        np.zeros(capacity, dtype=np.int64), np.zeros(capacity),
         np.zeros(2 * capacity, dtype=np.int64), np.zeros(2 * capacity), np.zeros(2 * capacity, dtype=np.int64),
         np.full(len(problem.mode_size), -1, dtype=np.int64), planes,
     )  # fmt: skip
@@ -108,14 +133,16 @@ def empty_tree(problem: ProblemArrays, capacity: int, corner: Array, planes: Arr
 def grown_tree(tree: Tree, problem: ProblemArrays, capacity: int) -> Tree:
     """The same tree with more room."""
     new = empty_tree(problem, capacity, tree.corner, tree.planes)
-    nodes, points = int(tree.counts[0]), int(tree.counts[1])
+    nodes, points, ways = int(tree.counts[0]), int(tree.counts[1]), int(tree.counts[4])
     new.counts[:] = tree.counts
     new.point_last[:] = tree.point_last
-    for name in ("mode", "belief", "lower", "upper", "best", "seen_vectors", "seen_points", "ahead", "child",
-                 "probability", "charge", "opened"):  # fmt: skip
+    for name in ("mode", "belief", "lower", "upper", "best", "seen_vectors", "seen_points", "ahead", "first_way",
+                 "ways", "charge", "opened", "point_of", "covered"):  # fmt: skip
         getattr(new, name)[:nodes] = getattr(tree, name)[:nodes]
     for name in ("point_node", "point_depth", "point_previous"):
         getattr(new, name)[:points] = getattr(tree, name)[:points]
+    for name in ("way_outcome", "way_child", "way_probability"):
+        getattr(new, name)[:ways] = getattr(tree, name)[:ways]
     _index_nodes(new, problem)
     return new
 
@@ -216,6 +243,7 @@ def look_down(tree: Tree, i: int, size: int) -> None:
         for y in range(size):
             base += tree.corner[mode, y] * tree.belief[i, y]
         lowest = min(0.0, tree.upper[i] - base)
+        better = False
         while j >= seen:
             other = tree.point_node[j]
             depth = tree.point_depth[j]
@@ -228,10 +256,24 @@ def look_down(tree: Tree, i: int, size: int) -> None:
                         if share * depth >= lowest:
                             break
                 tree.counts[2] += 8
-                lowest = min(lowest, share * depth)
+                if share * depth < lowest:
+                    lowest = share * depth
+                    better = better or other != i
             j = tree.point_previous[j]
         tree.upper[i] = min(tree.upper[i], base + lowest)
+        if better:
+            give_up_point(tree, i)
+            tree.covered[i] = tree.upper[i]
     tree.seen_points[i] = tree.counts[1]
+
+
+@kernel
+def give_up_point(tree: Tree, i: int) -> None:
+    """Forget the sawtooth point of a node, of which others say as much."""
+    j = tree.point_of[i]
+    if j >= 0:
+        tree.point_depth[j] = 0.0
+        tree.point_of[i] = -1
 
 
 @kernel
@@ -252,8 +294,9 @@ def node_of(tree: Tree, problem: ProblemArrays, mode: int, belief: Array) -> int
     tree.best[i] = -1
     tree.seen_vectors[i] = 0
     tree.seen_points[i] = 0
-    tree.child[i] = -1
     tree.opened[i] = False
+    tree.point_of[i] = -1
+    tree.covered[i] = np.inf
     for c in range(problem.mode_choice[mode], problem.mode_choice[mode + 1]):
         total = 0.0
         for y in range(size):
@@ -263,25 +306,36 @@ def node_of(tree: Tree, problem: ProblemArrays, mode: int, belief: Array) -> int
 
 
 @kernel
+def room_for(tree: Tree, outcomes: int) -> bool:
+    """Whether there is room for a choice with so many outcomes."""
+    return tree.counts[0] + outcomes <= len(tree.mode) and tree.counts[4] + outcomes <= len(tree.way_child)
+
+
+@kernel
 def open_choice(
     tree: Tree, problem: ProblemArrays, i: int, j: int, after: Array, probability: Array, reached: Array
 ) -> None:
-    """Make the children of a choice; there must be room for all its outcomes."""
+    """Make the children of a choice; there must be room for all its outcomes (`room_for`)."""
     x = tree.mode[i]
     c = problem.mode_choice[x] + j
-    first = problem.choice_outcome[problem.mode_choice[x]]
     successors(problem, c, tree.belief[i], problem.mode_size[x], after, probability, reached)
     tree.counts[2] += problem.mode_size[x] * (problem.choice_outcome[c + 1] - problem.choice_outcome[c])
     charge = 0.0
-    for z in range(problem.choice_outcome[c], problem.choice_outcome[c + 1]):
-        p = probability[z - problem.choice_outcome[c]]
-        tree.probability[i, z - first] = p
+    first = problem.choice_outcome[c]
+    tree.first_way[i, j] = tree.counts[4]
+    for z in range(first, problem.choice_outcome[c + 1]):
+        p = probability[z - first]
         if p > 0.0:
-            belief = after[z - problem.choice_outcome[c]]
+            belief = after[z - first]
             child = node_of(tree, problem, problem.outcome_mode[z], belief)
-            tree.child[i, z - first] = child
+            way = tree.counts[4]
+            tree.counts[4] += 1
+            tree.way_outcome[way] = z - first
+            tree.way_child[way] = child
+            tree.way_probability[way] = p
             for y in range(problem.mode_size[problem.outcome_mode[z]]):
                 charge += 0.5 * p * abs(tree.belief[child, y] - belief[y])
+    tree.ways[i, j] = tree.counts[4] - tree.first_way[i, j]
     tree.charge[i, j] = charge * problem.span
     tree.opened[i, j] = True
 

@@ -9,7 +9,7 @@ from models.planning.arrays import ProblemArrays
 from models.planning.dense_solve import LARGEST, eliminate
 from models.planning.vectors import Vectors, add_vector, evaluate_closed
 
-BLIND_WORK = 3e8
+BLIND_WORK = 1e8
 """Multiplications that blind policies are worth."""
 
 
@@ -25,6 +25,8 @@ def blind_vectors(problem: ProblemArrays, vectors: Vectors, most: int) -> None:
     vectors : Vectors
         With free slots for all modes of each policy.
     most : int
+
+    Told to come back, it leaves off after the first policy at the earliest.
     """
     n_modes = len(problem.mode_size)
     lowest = np.inf
@@ -51,6 +53,8 @@ def blind_vectors(problem: ProblemArrays, vectors: Vectors, most: int) -> None:
     entries = 1.0 + len(problem.value) + len(problem.seen_value) + len(problem.row_start)
     sweeps = int(min(10_000.0, max(10.0, BLIND_WORK * deepest / (policies * entries))))
     for number in range(policies):
+        if number > 0 and problem.halt[0] != 0:
+            break
         first = vectors.counts[0]
         rest = number
         for x in range(n_modes):

@@ -55,6 +55,8 @@ def lower_mdp_bound(problem: ProblemArrays, tolerance: float, most: int, values:
         rise = -np.inf
         for x in range(n_modes):
             for y in range(problem.mode_size[x]):
+                if problem.halt[0] != 0:
+                    return sweep
                 best = -np.inf
                 for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
                     best = max(best, problem.reward[c, y] + problem.discount * _expected(problem, c, y, values))
@@ -108,9 +110,13 @@ def informed_vectors(problem: ProblemArrays, values: Array, tolerance: float, mo
         Filled: one vector a choice.
     """
     vectors[:] = 0.0
+    highest = values.max()
     for x in range(len(problem.mode_size)):
         for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
             for y in range(problem.mode_size[x]):
+                if problem.halt[0] != 0:
+                    vectors[c, y] = problem.reward[c, y] + problem.discount * highest
+                    continue
                 vectors[c, y] = problem.reward[c, y] + problem.discount * _expected(problem, c, y, values)
     return lower_informed_vectors(problem, tolerance, most, vectors)
 
@@ -130,6 +136,8 @@ def lower_informed_vectors(problem: ProblemArrays, tolerance: float, most: int, 
         for x in range(len(problem.mode_size)):
             for c in range(problem.mode_choice[x], problem.mode_choice[x + 1]):
                 for y in range(problem.mode_size[x]):
+                    if problem.halt[0] != 0:
+                        return sweep
                     value = problem.reward[c, y] + problem.discount * _informed(problem, c, y, vectors, gains)
                     if value < vectors[c, y]:
                         fall = max(fall, vectors[c, y] - value)

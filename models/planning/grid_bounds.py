@@ -165,6 +165,8 @@ def look_up_again(grid: Grid, problem: ProblemArrays, scratch: Scratch) -> None:
     """
     for i in range(grid.counts[0]):
         j = grid.greedy[i]
+        if problem.halt[0] != 0:
+            break
         if grid.share[i] == 0.0 or not grid.opened[i, j]:
             continue
         x = grid.mode[i]

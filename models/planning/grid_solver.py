@@ -117,7 +117,7 @@ def advance(
     Returns
     -------
     int
-        `DONE`, `GO_ON` or `FULL`.
+        `DONE`, `GO_ON` or `FULL`; `GO_ON` too where it was told to come back (`ProblemArrays.halt`).
     """
     scratch = new_scratch(grid.belief.shape[1])
     look_up_again(grid, problem, scratch)
@@ -138,13 +138,15 @@ def advance(
             if sweeps < 0:
                 return FULL
             done += float(sweeps * grid.counts[0] * grid.probability.shape[1] * grid.belief.shape[1])
-            if (sweeps == 1 and attempt > 0) or done > ROUND_WORK:
+            if (sweeps == 1 and attempt > 0) or done > ROUND_WORK or problem.halt[0] != 0:
                 break
             visit_shares(grid, problem, weight, first_root, unseen, False)
     root_bounds(grid, vectors, problem, weight, first_root, bounds)
     wanted = gap_wanted(precision, relative, bounds[0], bounds[1], problem.least)
     if bounds[1] - bounds[0] <= wanted:
         return DONE
+    if problem.halt[0] != 0:
+        return GO_ON
     n = grid.counts[0]
     look = _Look(
         np.full(n, -np.inf), np.full(grid.probability[:n].shape, -np.inf), np.empty(n),
@@ -155,7 +157,7 @@ def advance(
     since = 0
     for attempt in range(BACKUPS):
         total_short, total_lossy = _estimate(problem, grid, vectors, look, since)
-        if total_short <= BACKUP_SHARE * total_lossy:
+        if total_short <= BACKUP_SHARE * total_lossy or problem.halt[0] != 0:
             break
         if attempt == 0:
             keep_useful(vectors, problem, useful)
@@ -167,6 +169,8 @@ def advance(
     wanted = gap_wanted(precision, relative, bounds[0], bounds[1], problem.least)
     if bounds[1] - bounds[0] <= wanted:
         return DONE
+    if problem.halt[0] != 0:
+        return GO_ON
     return GO_ON if _refine(problem, grid, look.lossy, total_lossy) else FULL
 
 
@@ -185,6 +189,8 @@ def _look_up(problem: ProblemArrays, grid: Grid, vectors: Vectors, look: _Look) 
     """Compare all points that matter with all vectors; returns which vectors are best somewhere."""
     useful = np.zeros(len(vectors.mode), dtype=np.bool_)
     for i in range(len(look.low)):
+        if problem.halt[0] != 0:
+            break
         if grid.share[i] == 0.0:
             continue
         x = grid.mode[i]
@@ -213,12 +219,16 @@ def _estimate(problem: ProblemArrays, grid: Grid, vectors: Vectors, look: _Look,
     n = len(look.low)
     if since > 0:
         for i in range(n):
+            if problem.halt[0] != 0:
+                return 0.0, 0.0
             if look.low[i] > -np.inf:
                 x = grid.mode[i]
                 look.low[i] = best_since(vectors, x, grid.belief[i], problem.mode_size[x], since, look.low[i])
     total_short = 0.0
     total_lossy = 0.0
     for i in range(n):
+        if problem.halt[0] != 0:
+            break
         look.short[i] = 0.0
         if grid.share[i] == 0.0:
             continue
@@ -279,6 +289,8 @@ def _back_up(
     best_follow = np.zeros(vectors.follow.shape[1], dtype=np.int32)
     room = True
     for i in range(len(short)):
+        if problem.halt[0] != 0:
+            break
         if short[i] < least:
             continue
         if vectors.counts[0] >= len(vectors.mode):
@@ -318,6 +330,8 @@ def _refine(problem: ProblemArrays, grid: Grid, lossy: Array, total: float) -> b
     scratch = new_scratch(grid.belief.shape[1])
     least = _threshold(lossy.ravel(), total)
     for i in range(len(lossy)):
+        if problem.halt[0] != 0:
+            break
         x = grid.mode[i]
         first = problem.choice_outcome[problem.mode_choice[x]]
         for z in range(lossy.shape[1]):

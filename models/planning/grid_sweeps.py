@@ -23,6 +23,9 @@ IMPROVEMENTS = 40
 
 NO_ROOM = -1
 
+HALTED = -1
+"""Instead of a choice: the sweep was told to come back."""
+
 
 @kernel
 def choice_value(grid: Grid, problem: ProblemArrays, i: int, j: int, first: int) -> float:
@@ -41,7 +44,7 @@ def _sweep(
     n: int, backwards: bool, begin: int, node_mode: Index, share: Array, upper: Array, ahead: Array,
     opened: NDArray[np.bool_], greedy: NDArray[np.int32], reward: Array, probability: Array,
     corners: NDArray[np.int32], vertex: NDArray[np.int32], weight: Array, mode_choice: Index, choice_outcome: Index,
-    discount: float, fallen: Array,
+    discount: float, fallen: Array, halt: Index,
 ) -> tuple[int, int]:  # fmt: skip
     """Bring nodes down to the best of one step ahead, one by one, from the `begin`-th on.
 
@@ -51,11 +54,13 @@ def _sweep(
     Returns
     -------
     int, int
-        How far it came, `n` at the end; otherwise the choice there that has to be opened first. `fallen[0]` and
-        `fallen[1]` are raised by what nodes fell, times visits, and as it is.
+        How far it came, `n` at the end; otherwise the choice there that has to be opened first, or `HALTED`.
+        `fallen[0]` and `fallen[1]` are raised by what nodes fell, times visits, and as it is.
     """
     for k in range(begin, n):
         i = n - 1 - k if backwards else k
+        if halt[0] != 0:
+            return k, HALTED
         if share[i] == 0.0:
             continue
         x = node_mode[i]
@@ -93,7 +98,7 @@ def sweep_down(grid: Grid, problem: ProblemArrays, small: float, scratch: Scratc
     Returns
     -------
     int
-        Number of sweeps; `NO_ROOM` if room for exact nodes is used up.
+        Number of sweeps, a broken off one included; `NO_ROOM` if room for exact nodes is used up.
     """
     fallen = np.empty(2)
     most = int(SWEEP_WORK / (1.0 + grid.counts[0] * grid.probability.shape[1] * grid.belief.shape[1]))
@@ -105,8 +110,10 @@ def sweep_down(grid: Grid, problem: ProblemArrays, small: float, scratch: Scratc
             done, j = _sweep(
                 n, sweep % 2 == 0, done, grid.mode, grid.share, grid.upper, grid.ahead, grid.opened, grid.greedy,
                 grid.reward, grid.probability, grid.corners, grid.vertex, grid.weight, problem.mode_choice,
-                problem.choice_outcome, problem.discount, fallen,
+                problem.choice_outcome, problem.discount, fallen, problem.halt,
             )  # fmt: skip
+            if j == HALTED:
+                return sweep + 1
             if done < n:
                 i = n - 1 - done if sweep % 2 == 0 else done
                 if not open_choice(grid, problem, i, j, scratch):
@@ -127,12 +134,13 @@ def solve_frozen(grid: Grid, problem: ProblemArrays, scratch: Scratch) -> bool:
     Returns
     -------
     bool
-        Whether it was done; not if there are more nodes than `models.planning.dense_solve.dense_limit` says.
+        Whether it was done; not if there are more nodes than `models.planning.dense_solve.dense_limit` says, or
+        it was told to come back.
     """
     most = dense_limit(problem.discount)
     i = 0
     while i < grid.counts[0]:
-        if grid.counts[0] > most:
+        if grid.counts[0] > most or problem.halt[0] != 0:
             return False
         for j in range(problem.mode_choice[grid.mode[i] + 1] - problem.mode_choice[grid.mode[i]]):
             if not grid.opened[i, j] and not open_choice(grid, problem, i, j, scratch):
@@ -148,6 +156,8 @@ def solve_frozen(grid: Grid, problem: ProblemArrays, scratch: Scratch) -> bool:
     done = False
     excess = 0.0
     for _ in range(IMPROVEMENTS):
+        if problem.halt[0] != 0:
+            break
         right = grid.upper[:n]  # values of policies pass through it, as `frozen` reads them there
         for i in range(n):
             _equation(grid, problem, i, policy[i], matrix[i, :n])
@@ -231,7 +241,7 @@ def visit_shares(
             grid.share[i] += mass
             total += abs(mass)
             _pass_on(grid, problem, i, mass, left)
-        if total <= tolerance:
+        if total <= tolerance or problem.halt[0] != 0:
             break
     for i in range(n):
         if grid.share[i] <= small:

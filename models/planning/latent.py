@@ -175,9 +175,18 @@ class LatentBatch:
                 a += 1
         return np.ascontiguousarray(np.concatenate(blocks, axis=1))
 
+    @cached_property
+    def least_size(self) -> Array:
+        """What values of every draw count as at least, as `Problem.least_size`, shape ``[draw]``."""
+        # Draws with zeros in the same places can come to the same states.
+        alike = np.ones(len(self), dtype=bool)
+        for entries in (self.draws.initial, self.values):
+            alike &= ((entries > 0) == (entries[0] > 0)).all(axis=1)
+        return np.array([self.template.least if alike[d] else self.problem(d).least_size for d in range(len(self))])
+
     def arrays(self, d: int) -> ProblemArrays:
         """Arrays of one draw."""
-        return self.template._replace(value=self.values[d])
+        return self.template._replace(value=self.values[d], least=float(self.least_size[d]))
 
     def with_reward(self, reward: Reward) -> LatentBatch:
         """The same draws with another reward."""

@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from models.compiled import kernel
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.belief_tree import TINY, Tree, choice_reward, look_down, look_up, open_choice
+from models.planning.belief_tree import (
+    TINY,
+    Tree,
+    choice_reward,
+    give_up_point,
+    look_down,
+    look_up,
+    open_choice,
+    room_for,
+)
 from models.planning.lazy_choice import highest, next_to_look_at
 from models.planning.step_kernel import look_ahead
 from models.planning.vectors import Vectors, add_vector
@@ -45,22 +54,19 @@ def back_up_upper(tree: Tree, problem: ProblemArrays, i: int, room: Room) -> int
     """Best choice of a node by upper bounds (see `lazy_choice`); -1 if there is no room for its children."""
     x = tree.mode[i]
     offered = problem.mode_choice[x + 1] - problem.mode_choice[x]
-    first = problem.choice_outcome[problem.mode_choice[x]]
     fresh = -1
     j = highest(tree.ahead, i, offered)
     while j != fresh:
         c = problem.mode_choice[x] + j
         if not tree.opened[i, j]:
-            if tree.counts[0] + problem.choice_outcome[c + 1] - problem.choice_outcome[c] > len(tree.mode):
+            if not room_for(tree, problem.choice_outcome[c + 1] - problem.choice_outcome[c]):
                 return -1
             open_choice(tree, problem, i, j, room.after, room.probability, room.reached)
         value = tree.charge[i, j]
-        for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-            p = tree.probability[i, z]
-            if p > 0.0:
-                child = tree.child[i, z]
-                look_down(tree, child, problem.mode_size[tree.mode[child]])
-                value += p * tree.upper[child]
+        for way in range(tree.first_way[i, j], tree.first_way[i, j] + tree.ways[i, j]):
+            child = tree.way_child[way]
+            look_down(tree, child, problem.mode_size[tree.mode[child]])
+            value += tree.way_probability[way] * tree.upper[child]
         value = choice_reward(tree, problem, i, j) + problem.discount * value
         fresh = j
         j = next_to_look_at(tree.ahead, i, offered, fresh, value)
@@ -93,10 +99,14 @@ def add_point(tree: Tree, problem: ProblemArrays, i: int) -> None:
                 j = tree.point_previous[j]
         return
     depth = tree.upper[i] - base
-    if depth >= -TINY * problem.largest:
+    least = TINY * problem.largest
+    if depth >= -least or tree.upper[i] >= tree.covered[i] - least:
         return
+    give_up_point(tree, i)
+    tree.covered[i] = tree.upper[i]
     j = tree.counts[1]
     tree.counts[1] += 1
+    tree.point_of[i] = j
     tree.point_node[j] = i
     tree.point_depth[j] = depth
     tree.point_previous[j] = tree.point_last[x]
@@ -118,20 +128,16 @@ def back_up_lower(
     """
     x = tree.mode[i]
     size = problem.mode_size[x]
-    first = problem.choice_outcome[problem.mode_choice[x]]
     best = -np.inf
     chosen = -1
     for j in range(problem.mode_choice[x + 1] - problem.mode_choice[x]):
         if not tree.opened[i, j]:
             continue
-        c = problem.mode_choice[x] + j
         value = 0.0
-        for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-            p = tree.probability[i, z]
-            if p > 0.0:
-                child = tree.child[i, z]
-                look_up(tree, vectors, child, problem.mode_size[tree.mode[child]])
-                value += p * tree.lower[child]
+        for way in range(tree.first_way[i, j], tree.first_way[i, j] + tree.ways[i, j]):
+            child = tree.way_child[way]
+            look_up(tree, vectors, child, problem.mode_size[tree.mode[child]])
+            value += tree.way_probability[way] * tree.lower[child]
         value = choice_reward(tree, problem, i, j) + problem.discount * value
         if value > best:
             best = value
@@ -139,11 +145,12 @@ def back_up_lower(
     if chosen < 0 or best <= tree.lower[i] + least:
         return best, False
     c = problem.mode_choice[x] + chosen
-    for z in range(problem.choice_outcome[c], problem.choice_outcome[c + 1]):
-        child = tree.child[i, z - first]
+    first = problem.choice_outcome[c]
+    for z in range(first, problem.choice_outcome[c + 1]):
         # After an impossible outcome any vector of the mode is sound.
-        after = tree.best[child] if child >= 0 else vectors.last[problem.outcome_mode[z]]
-        room.follow[z - problem.choice_outcome[c]] = after
+        room.follow[z - first] = vectors.last[problem.outcome_mode[z]]
+    for way in range(tree.first_way[i, chosen], tree.first_way[i, chosen] + tree.ways[i, chosen]):
+        room.follow[tree.way_outcome[way]] = tree.best[tree.way_child[way]]
     look_ahead(problem, c, size, vectors.alpha, room.follow, room.alpha, room.reached)
     tree.counts[2] += size * (problem.choice_outcome[c + 1] - problem.choice_outcome[c])
     value = 0.0

@@ -10,7 +10,8 @@ looks at nothing but the mode; and as no less than rounding allows:
    10^{-9}\, \frac{\max R - \min_x \max_c \min_y R_c(y)}{1 - \gamma},
    10^{-11}\, \frac{\max |R|}{1 - \gamma}\Big)
 
-An action that nobody would take, however costly, puts nothing at stake.
+An action that nobody would take, however costly, puts nothing at stake; nor does a state that the start does not
+lead to, whatever it holds: all of these are over states within reach (`models.planning.reachable`).
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -24,6 +25,7 @@ from scipy import sparse
 
 from models.errors import InputError, Phrase, located
 from models.planning.belief_check import IMPOSSIBLE, TOLERANCE, checked_belief
+from models.planning.reachable import Stakes, stakes_of
 
 Array = NDArray[np.float64]
 
@@ -185,23 +187,29 @@ class Problem:
         """Number of hidden states of the largest mode."""
         return max(len(s) for s in self.states)
 
+    @cached_property
+    def stakes(self) -> Stakes:
+        """Rewards that it can pay, in states that it can come to."""
+        return stakes_of(self)
+
     @property
     def span(self) -> float:
-        r"""Largest difference there can be between two values, :math:`(\max R - \min R) / (1 - \gamma)`."""
-        rewards = [c.reward for offered in self.choices for c in offered]
-        return _for_ever(max(float(r.max()) for r in rewards) - min(float(r.min()) for r in rewards), self.discount)
+        r"""Largest difference there can be between two values, :math:`(\max R - \min R) / (1 - \gamma)`.
+
+        Of beliefs that it can come to, as are `largest_value` and `least_size`.
+        """
+        return _for_ever(self.stakes.highest - self.stakes.lowest, self.discount)
 
     @property
     def largest_value(self) -> float:
         r"""Largest size that a value can have, :math:`\max |R| / (1 - \gamma)`; rounding is in proportion to it."""
-        return _for_ever(max(float(np.abs(c.reward).max()) for o in self.choices for c in o), self.discount)
+        return _for_ever(max(abs(self.stakes.highest), abs(self.stakes.lowest)), self.discount)
 
     @property
     def least_size(self) -> float:
         """What values count as at least where gaps are told relative to them (`models.planning.precision`)."""
-        highest = max(float(c.reward.max()) for offered in self.choices for c in offered)
-        sure = min(max(float(c.reward.min()) for c in offered) for offered in self.choices)
-        return max(AT_STAKE * _for_ever(highest - sure, self.discount), ROUNDING * self.largest_value)
+        at_stake = _for_ever(self.stakes.highest - self.stakes.sure, self.discount)
+        return max(AT_STAKE * at_stake, ROUNDING * self.largest_value)
 
     def mode(self, name: str) -> int:
         """Index of a mode.

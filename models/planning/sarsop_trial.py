@@ -38,14 +38,16 @@ def trial(
     ceiling = tree.lower[root] + aim
     i = root
     steps = 0
+    room_left = True
     tree.counts[3] += 1
     scale = 1.0  # discount to the power of the depth; gaps are compared after it, which cannot overflow
-    while steps < DEEPEST:
+    while steps < DEEPEST and problem.halt[0] == 0:
         size = problem.mode_size[tree.mode[i]]
         look_up(tree, vectors, i, size)
         look_down(tree, i, size)
         j = back_up_upper(tree, problem, i, room)
         if j < 0:
+            room_left = False
             break
         bins.trial[i] = tree.counts[3]
         room.path[steps] = i
@@ -58,47 +60,44 @@ def trial(
         guess = predict(tree, problem, bins, i)
         if guess <= floor and tree.upper[i] <= max(ceiling, tree.lower[i] + aim / scale):
             break
-        x = tree.mode[i]
-        c = problem.mode_choice[x] + j
-        first = problem.choice_outcome[problem.mode_choice[x]]
         chosen = -1
         most = -np.inf
         newer = False
         low = 0.0
         high = 0.0
-        for z in range(problem.choice_outcome[c] - first, problem.choice_outcome[c + 1] - first):
-            p = tree.probability[i, z]
-            if p > 0.0:
-                child = tree.child[i, z]
-                look_up(tree, vectors, child, problem.mode_size[tree.mode[child]])
-                low += p * tree.lower[child]
-                high += p * tree.upper[child]
-                excess = p * ((tree.upper[child] - tree.lower[child]) * scale * discount - aim)
-                # Beliefs that this trial has not been at go first: with a discount near one, going round in a
-                # circle looks as good at every turn.
-                fresh = bins.trial[child] != tree.counts[3] and excess > 0.0
-                if p > UNLIKELY and ((fresh and not newer) or (fresh == newer and excess > most)):
-                    most = excess
-                    chosen = z
-                    newer = fresh
+        for way in range(tree.first_way[i, j], tree.first_way[i, j] + tree.ways[i, j]):
+            p = tree.way_probability[way]
+            child = tree.way_child[way]
+            look_up(tree, vectors, child, problem.mode_size[tree.mode[child]])
+            low += p * tree.lower[child]
+            high += p * tree.upper[child]
+            excess = p * ((tree.upper[child] - tree.lower[child]) * scale * discount - aim)
+            # Beliefs that this trial has not been at go first: with a discount near one, going round in a
+            # circle looks as good at every turn.
+            fresh = bins.trial[child] != tree.counts[3] and excess > 0.0
+            if p > UNLIKELY and ((fresh and not newer) or (fresh == newer and excess > most)):
+                most = excess
+                chosen = way
+                newer = fresh
         reward = choice_reward(tree, problem, i, j)
         value = reward + discount * low
         floor = max(floor, value)
         ceiling = max(ceiling, value + aim / scale)
-        child = tree.child[i, chosen]
-        p = tree.probability[i, chosen]
+        child = tree.way_child[chosen]
+        p = tree.way_probability[chosen]
         floor = ((floor - reward) / discount - (low - p * tree.lower[child])) / p
         ceiling = ((ceiling - reward) / discount - (high - p * tree.upper[child])) / p
         i = child
         scale *= discount
-    room_left = True
     for step in range(steps - 1, -1, -1):
+        if problem.halt[0] != 0:
+            break
         i = room.path[step]
         if back_up_upper(tree, problem, i, room) < 0:
             room_left = False
         add_point(tree, problem, i)
         back_up_lower(tree, problem, vectors, i, TINY * problem.largest, room)
-    return room_left and steps > 0
+    return room_left
 
 
 @kernel
@@ -117,6 +116,8 @@ def sweep(
     """
     end = tree.counts[2] + work
     for i in range(start, -1, -1):
+        if problem.halt[0] != 0:
+            return i
         opened = False
         for j in range(tree.opened.shape[1]):
             opened = opened or tree.opened[i, j]
@@ -157,7 +158,7 @@ def run_trials(
                 root = r
         if total <= wanted:
             return 0
-        if tree.counts[2] > end:
+        if tree.counts[2] > end or problem.halt[0] != 0:
             return 1
         if not trial(tree, problem, vectors, bins, roots[root], wanted, room):
             return 2

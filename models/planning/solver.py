@@ -8,22 +8,25 @@ not done soon, they begin with the vectors found so far, and both take turns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
 from models.planning.arrays import Array, Index, ProblemArrays, arrays_of
+from models.planning.at_once import at_once
 from models.planning.grid_run import blind_slots, first_vectors
 from models.planning.grid_search import GridSearch, least_points, point_bytes
+from models.planning.loading import load_kernels
 from models.planning.node_backups import DEEPEST
 from models.planning.observed_part import ObservedPart, observed_part
 from models.planning.precision import gap_wanted
 from models.planning.problem import Problem
 from models.planning.solution import Solution, Status, TracePoint
+from models.planning.time_watch import TimeWatch
 from models.planning.trial_search import TrialSearch
 from models.planning.vectors import Vectors, copied_vectors, empty_vectors, evaluate_graph, keep_useful
+from models.planning.within_reach import beyond_reach, within_reach
 from models.work_clock import WorkClock
 
 GRID_STATES = 12
@@ -34,6 +37,9 @@ CROSSING = 1e-9
 
 ALONE = 0.5
 """Seconds that the grid has for itself before trials take turns with it."""
+
+COURTESY = 1e7
+"""Multiplications that values of vectors are worth where they are not needed."""
 
 Search = GridSearch | TrialSearch
 
@@ -64,7 +70,8 @@ def solve(
         a gap that is small enough.
     relative : bool
     time_limit : float
-        Seconds of wall time, compilation apart. Looked at between steps, which may take a second on large problems.
+        Seconds of wall time, compilation apart. Kernels come back when it is up; what is left is to put the policy
+        into order.
     memory_limit : int
         Bytes. What a search begins with is taken in any case.
     warm : Solution, optional
@@ -76,7 +83,7 @@ def solve(
     -------
     Solution
         Always: what stops early, Ctrl-C included, returns the best so far and says so in its status; before there
-        is anything better, policies that look at the mode only, and the highest reward for ever.
+        is anything better, a policy that makes sure of something, and the highest reward for ever.
 
     Raises
     ------
@@ -94,110 +101,123 @@ def solve(
     if not memory_limit > 0:
         raise located("memory limit", memory_limit, "above 0 bytes")
     clock = WorkClock()
-    arrays = arrays_of(problem)
-    if not np.isfinite(arrays.largest):
+    whole = arrays_of(problem)
+    if not np.isfinite(whole.largest):
         wanted = "rewards whose discounted sum is a finite number"
-        raise located(f"{problem.name}, largest reward divided by 1 - discount", arrays.largest, wanted)
-    if warm is not None and not _same_shape(arrays, arrays_of(warm.problem)):
+        raise located(f"{problem.name}, largest reward divided by 1 - discount", whole.largest, wanted)
+    if warm is not None and not _same_shape(whole, arrays_of(warm.problem)):
         raise located("warm start, problem", warm.problem.name, "a problem of the same shape")
     trace: list[TracePoint] = []
     lower, upper = -np.inf, np.inf
     status: Status = "stalled"
     best: Search | None = None
     searches: list[Search] = []
-    try:
-        part = observed_part(problem) if warm is None and problem.n_states > GRID_STATES else None
-        if part is not None:
-            inner = solve(
-                part.problem, precision, relative=relative, time_limit=max(1e-3, time_limit - clock.wall()),
-                memory_limit=memory_limit, progress=progress,
-            )  # fmt: skip
-            whole = _of_the_whole(part, arrays, inner)
-            return replace(whole, seconds=clock.wall(), compile_seconds=clock.compile_seconds)
-        for search in _turns(problem, arrays, memory_limit, warm, clock, searches):
-            done = search.step(precision, relative)
-            if best is None or search.lower > best.lower:
-                best = search
-            lower, upper = max(lower, search.lower), min(upper, search.upper)
-            if lower > upper:
-                upper = touching(problem.name, lower, upper, arrays.largest)
-            vectors = int(search.vectors.counts[0])
-            point = TracePoint(clock.wall(), lower, upper, search.name, search.beliefs, vectors)
-            trace.append(point)
-            if progress is not None:
-                progress(point)
-            if done or upper - lower <= gap_wanted(precision, relative, lower, upper, arrays.least):
-                status = "converged"
-            elif clock.wall() >= time_limit:
-                status = "time limit"
+    part: ObservedPart | None = None
+    arrays, tamed = whole, False
+    with TimeWatch(clock, time_limit, whole.halt) as watch:
+        try:
+            part = observed_part(problem) if warm is None and problem.n_states > GRID_STATES else None
+            arrays, tamed = within_reach(part.arrays if part else whole, problem)
+            arrays = arrays._replace(halt=whole.halt)
+            known = None if warm is None else warm_vectors(arrays, warm)
+            starts = _starts(problem, part, arrays.reward.shape[1])
+            for search in _turns(arrays, *starts, memory_limit, known, clock, watch, searches):
+                done = search.step(precision, relative)
+                if best is None or search.lower > best.lower:
+                    best = search
+                lower, upper = max(lower, search.lower), min(upper, search.upper)
+                if lower > upper:
+                    upper = touching(problem.name, lower, upper, arrays.largest)
+                vectors = int(search.vectors.counts[0])
+                point = TracePoint(clock.wall(), lower, upper, search.name, search.beliefs, vectors)
+                trace.append(point)
+                if progress is not None:
+                    progress(point)
+                if done or upper - lower <= gap_wanted(precision, relative, lower, upper, arrays.least):
+                    status = "converged"
+                elif clock.wall() >= time_limit:
+                    status = "time limit"
+                else:
+                    continue
+                break
             else:
-                continue
-            break
-        else:
-            status = "memory limit" if any(s.full for s in searches) else "stalled"
-    except KeyboardInterrupt:
-        status = "interrupted"
+                status = "memory limit" if any(s.full for s in searches) else "stalled"
+        except KeyboardInterrupt:
+            status = "interrupted"
     if best is None:
-        found, beliefs = _at_once(arrays), 0
-        lower, upper = _bounds_at_once(problem, arrays, found)
+        lower, upper, kept = at_once(whole)
+        beliefs = 0
     else:
-        found, beliefs = best.vectors, best.beliefs
-    kept = tidied(arrays, found)
+        found = best.vectors if part is None else _of_the_whole(part, arrays, whole, best.vectors)
+        if tamed:
+            beyond_reach(problem, whole, found)
+        # In terms of blocks they are tidy already; on all states comparing them may take longer than the rest.
+        kept, beliefs = (tidied if part is None else in_use)(whole, found), best.beliefs
     return Solution(
         problem, lower, upper, status, precision, relative, clock.wall(), clock.compile_seconds, *kept, beliefs,
         tuple(trace),
     )  # fmt: skip
 
 
-def _of_the_whole(part: ObservedPart, arrays: ProblemArrays, inner: Solution) -> Solution:
-    """A solution in terms of blocks as one of the problem without them: its policy graph, valued on all states.
+def _starts(problem: Problem, part: ObservedPart | None, width: int) -> tuple[Index, Array, Array]:
+    """Modes that a problem may start in, beliefs there with zeros up to a width, and how probable each is."""
+    starts = list(problem.starts()) if part is None else [(part.start_mode, 1.0, part.start / part.start.sum())]
+    beliefs = np.zeros((len(starts), width))
+    for r, (_, _, belief) in enumerate(starts):
+        beliefs[r, : len(belief)] = belief
+    return np.array([x for x, _, _ in starts], dtype=np.int64), beliefs, np.array([p for _, p, _ in starts])
+
+
+def _of_the_whole(part: ObservedPart, arrays: ProblemArrays, whole: ProblemArrays, inner: Vectors) -> Vectors:
+    """Vectors of a problem in terms of blocks as those of the problem without them, valued on all states.
 
     Off its own block a vector begins at the least there can be; on it, it is worth what it was.
     """
-    n = inner.alpha_vectors
-    vectors = empty_vectors(arrays, n)
+    alpha, mode, choice, follow = tidied(arrays, inner)
+    n = len(alpha)
+    vectors = empty_vectors(whole, n)
     vectors.counts[0] = n
-    vectors.alpha[:] = arrays.reward.min() / (1 - arrays.discount)
-    for i in range(n):
-        x = int(inner.mode[i])
-        vectors.alpha[i, part.members[x]] = inner.alpha[i, : len(part.members[x])]
-        vectors.choice[i] = inner.choice[i]
-        vectors.previous[i] = i - 1
-        c = int(inner.choice[i])
-        place = {o: z for z, o in enumerate(part.whole.choices[0][c].branches[0].observations)}
-        seen = [o for branch in part.problem.choices[x][c].branches for o in branch.observations]
-        for z, o in enumerate(seen):
-            vectors.follow[i, place[o]] = inner.follow[i, z]
+    vectors.alpha[:] = whole.reward.min() / (1 - whole.discount)
+    vectors.choice[:] = choice
+    vectors.previous[:] = np.arange(n) - 1
     vectors.last[0] = n - 1
-    evaluate_graph(arrays, vectors, 0.0, 2)
-    alpha, mode, choice, follow = tidied(arrays, vectors)
-    return replace(inner, problem=part.whole, alpha=alpha, mode=mode, choice=choice, follow=follow)
+    choices = part.whole.choices[0]
+    place = np.zeros((len(choices), len(part.whole.observations)), dtype=np.int64)
+    for c, offered in enumerate(choices):
+        place[c, list(offered.branches[0].observations)] = np.arange(len(offered.branches[0].observations))
+    for i in range(n):
+        members = part.members[mode[i]]
+        vectors.alpha[i, members] = alpha[i, : len(members)]
+        c = arrays.mode_choice[mode[i]] + choice[i]
+        seen = arrays.outcome_observation[arrays.choice_outcome[c] : arrays.choice_outcome[c + 1]]
+        vectors.follow[i, place[choice[i], seen]] = follow[i, : len(seen)]
+    # Off its block nobody asks a vector that has others there; a look ahead is a courtesy.
+    if n * (len(whole.value) + len(whole.seen_value)) < COURTESY:
+        evaluate_graph(whole, vectors, 0.0, 2)
+    return vectors
 
 
 def _turns(
-    problem: Problem, arrays: ProblemArrays, memory: int, warm: Solution | None, clock: WorkClock,
-    searches: list[Search],
+    arrays: ProblemArrays, modes: Index, beliefs: Array, weight: Array, memory: int, known: Vectors | None,
+    clock: WorkClock, watch: TimeWatch, searches: list[Search],
 ) -> Iterator[Search]:  # fmt: skip
     """The searches in the order of their turns: the grid alone for a while, then both, with equal time.
 
     Neither is better everywhere: the grid closes gaps where little is learned, trials find policies where much is.
     """
-    starts = list(problem.starts())
-    modes = np.array([x for x, _, _ in starts], dtype=np.int64)
-    weight = np.array([p for _, p, _ in starts])
-    beliefs = np.zeros((len(starts), arrays.reward.shape[1]))
-    for r, (_, _, belief) in enumerate(starts):
-        beliefs[r, : len(belief)] = belief
-    known = None if warm is None else warm_vectors(arrays, warm)
     small = arrays.mode_size.max() <= GRID_STATES
     if small and memory // 2 >= least_points(arrays) * point_bytes(arrays):
+        with watch.preparing():
+            load_kernels("grid")
         grid = GridSearch(arrays, modes, beliefs, weight, memory // 2, known)
         searches.append(grid)
         while not grid.exhausted and clock.wall() < ALONE:
             yield grid
         known = copied_vectors(grid.vectors, 2 * int(grid.vectors.counts[0]) + DEEPEST)
         memory //= 2
-    elif known is not None:
+    with watch.preparing():
+        load_kernels("trials")
+    if known is not None and not searches:
         first_vectors(arrays, known, int(known.counts[0]))
     searches.append(TrialSearch(arrays, modes, beliefs, weight, memory, known))
     spent = [0.0] * len(searches)
@@ -206,22 +226,6 @@ def _turns(
         began = clock.wall()
         yield searches[k]
         spent[k] += clock.wall() - began
-
-
-def _at_once(arrays: ProblemArrays) -> Vectors:
-    """Policies that look at the mode only, for who does not wait for anything better."""
-    vectors = empty_vectors(arrays, blind_slots(arrays))
-    first_vectors(arrays, vectors, 0)
-    return vectors
-
-
-def _bounds_at_once(problem: Problem, arrays: ProblemArrays, vectors: Vectors) -> tuple[float, float]:
-    """What these are worth at the start, and the highest reward for ever."""
-    n = int(vectors.counts[0])
-    low = 0.0
-    for x, p, belief in problem.starts():
-        low += p * float((vectors.alpha[:n][vectors.mode[:n] == x][:, : len(belief)] @ belief).max())
-    return low, max(low, float(arrays.reward.max()) / (1 - problem.discount))
 
 
 def touching(name: str, lower: float, upper: float, largest: float) -> float:
@@ -261,8 +265,12 @@ def warm_vectors(arrays: ProblemArrays, solution: Solution) -> Vectors:
 def tidied(arrays: ProblemArrays, vectors: Vectors) -> tuple[Array, Index, Index, NDArray[np.int32]]:
     """Vectors without dominated ones: values, modes, choices counted within the mode, followers."""
     keep_useful(vectors, arrays, np.ones(int(vectors.counts[0]), dtype=np.bool_))
+    alpha, mode, choice, follow = in_use(arrays, vectors)
+    return alpha.copy(), mode.copy(), choice, follow.copy()
+
+
+def in_use(arrays: ProblemArrays, vectors: Vectors) -> tuple[Array, Index, Index, NDArray[np.int32]]:
+    """Vectors as they are: values, modes, choices counted within the mode, followers."""
     n = int(vectors.counts[0])
-    mode = vectors.mode[:n].copy()
-    return (
-        vectors.alpha[:n].copy(), mode, vectors.choice[:n] - arrays.mode_choice[mode], vectors.follow[:n].copy()
-    )  # fmt: skip
+    mode = vectors.mode[:n]
+    return vectors.alpha[:n], mode, vectors.choice[:n] - arrays.mode_choice[mode], vectors.follow[:n]

@@ -1,4 +1,4 @@
-"""Room made in the belief tree, compiled: superseded sawtooth points and vectors that are best nowhere go."""
+"""Room made in the belief tree, compiled: sawtooth points given up and vectors that are best nowhere go."""
 
 from __future__ import annotations
 
@@ -12,25 +12,28 @@ from models.planning.vectors import Vectors, keep_useful
 
 @kernel
 def tidy_points(tree: Tree, problem: ProblemArrays) -> None:
-    """Drop sawtooth points that newer ones of the same node supersede."""
+    """Drop sawtooth points that have been given up."""
     before = tree.counts[1]
-    latest = np.full(tree.counts[0], -1, dtype=np.int64)
-    for j in range(before):
-        latest[tree.point_node[j]] = j
     kept = 0
+    rank = np.empty(before + 1, dtype=np.int64)
     tree.point_last[:] = -1
     for j in range(before):
+        rank[j] = kept
         i = tree.point_node[j]
-        if latest[i] == j and tree.point_depth[j] < -TINY * problem.largest:
+        if tree.point_of[i] == j:
+            if tree.point_depth[j] >= -TINY * problem.largest:
+                tree.point_of[i] = -1
+                continue
+            tree.point_of[i] = kept
             tree.point_node[kept] = i
             tree.point_depth[kept] = tree.point_depth[j]
             tree.point_previous[kept] = tree.point_last[tree.mode[i]]
             tree.point_last[tree.mode[i]] = kept
             kept += 1
     tree.counts[1] = kept
+    rank[before] = kept
     for i in range(tree.counts[0]):
-        # Nodes that knew all points still do; the others look at everything once more.
-        tree.seen_points[i] = kept if tree.seen_points[i] == before else 0
+        tree.seen_points[i] = rank[tree.seen_points[i]]
 
 
 @kernel

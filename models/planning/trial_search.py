@@ -35,6 +35,9 @@ PORTION = 0.05
 GROWTH = 1.5
 """Nodes are all swept when there are that many times as many as at the last sweep."""
 
+GROWN = 8
+"""Times as many nodes as before there is room for, when there was none left."""
+
 INFORMED = 0.5
 """Seconds that each of the upper bounds is worth with which trials begin."""
 
@@ -162,13 +165,17 @@ class TrialSearch:
         widest = int(np.diff(self.problem.choice_outcome).max())
         crowded = (
             crowded or tree.counts[1] + DEEPEST > len(tree.point_node) or tree.counts[0] + widest > len(tree.mode)
-        )
+            or tree.counts[4] + widest > 0.9 * len(tree.way_child)
+        )  # fmt: skip
         many = vectors.counts[0] > 0.7 * len(vectors.mode) or vectors.counts[0] + DEEPEST > len(vectors.mode)
         if (crowded or many) and 2 * bytes_of(tree, self.bins, vectors) > self.memory:
             self.exhausted = self.full = True
             return
         if crowded:
-            self.tree = grown_tree(tree, self.problem, 2 * len(tree.mode))
+            # Fresh memory costs nothing before it is written to, but copying what is there takes time: so seldom.
+            node = bytes_of(tree, self.bins) / len(tree.mode)
+            most = int((self.memory - bytes_of(vectors)) / node)
+            self.tree = grown_tree(tree, self.problem, max(2 * len(tree.mode), min(GROWN * len(tree.mode), most)))
             self.bins = grown_bins(self.bins, len(self.tree.mode))
         if many:
             self.vectors = grown_vectors(vectors, 2 * len(vectors.mode))

@@ -142,6 +142,8 @@ def evaluate_graph(problem: ProblemArrays, vectors: Vectors, tolerance: float, m
     for sweep in range(most):
         rise = 0.0
         for i in range(vectors.counts[0] - 1, -1, -1):
+            if problem.halt[0] != 0:
+                return sweep + 1
             size = problem.mode_size[vectors.mode[i]]
             look_ahead(problem, vectors.choice[i], size, vectors.alpha, vectors.follow[i], new, after)
             for y in range(size):
@@ -180,6 +182,8 @@ def evaluate_closed(problem: ProblemArrays, vectors: Vectors, first: int, tolera
         least = np.inf
         change = 0.0
         for i in range(first, last):
+            if problem.halt[0] != 0:
+                return  # what the last whole step left behind is sound; half a step proves nothing
             size = problem.mode_size[vectors.mode[i]]
             look_ahead(problem, vectors.choice[i], size, vectors.alpha, vectors.follow[i], new[i - first], after)
             for y in range(size):

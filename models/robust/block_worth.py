@@ -22,7 +22,7 @@ class BlockWorth:
     block : str
     worth, se : float
         Cross-fitted, with the standard error of the paired differences between the rule's plan and today's; may be
-        negative by chance.
+        negative by chance. NaN where there are too few draws to say.
     in_sample : float
         Optimistic; never negative and never more than the pool's EVPI.
     regression : float
@@ -49,6 +49,11 @@ class BlockWorth:
             return f"Knowing {words} would be worth nothing: it is held fixed in these draws."
         if self.in_sample == 0:
             return f"Knowing {words} would be worth nothing: whatever it is, today's plan is the best one."
+        if np.isnan(self.worth):
+            return (
+                f"There are too few draws to say what knowing {words} would be worth ({self.in_sample:.2g} reward "
+                "units a person if scored on the draws that the plans were chosen with, which is too much)."
+            )
         sure = "" if np.isnan(self.se) else f" (cross-fitted, standard error {self.se:.1g})"
         told = "" if not self.worth < 2 * self.se else "; that may be nothing at all"
         return (

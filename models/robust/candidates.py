@@ -7,7 +7,8 @@ keeps its recipe, and is also scored on draws that had no part in the choice.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,13 +20,17 @@ from models.planning.exact import Decisions, solve_schedule
 from models.planning.policies import Policy
 from models.planning.schedule import Array, Schedule
 from models.robust.cautious import cautious_plan
-from models.robust.information import perfect_information
+from models.robust.information import outcome_reference
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanEvaluator, PlanTable
+from models.robust.risk import Outcome
 
 MOST_OWN = 1024
 """Own plans of draws, the most believed ones, among which the best fixed model is looked for."""
+
+SCREENED, KEPT = 512, 64
+"""Draws by which they are looked through first, and how many of them are then valued in all draws."""
 
 
 @dataclass(frozen=True)
@@ -88,23 +93,41 @@ def _for_model(schedule: Schedule, model: LatentStatePOMDP) -> Decisions:
 
 
 def _fixed_model(schedule: Schedule) -> Chosen:
-    own = own_plans(schedule)
-    mean = _for_model(schedule, posterior_mean(schedule.draws))
-    table = PlanTable.of(schedule, [*own.plans[:MOST_OWN], mean])
+    """The best of the own plans: looked through on some of the draws, those in front valued in all of them."""
+    plans = own_plans(schedule).plans[:MOST_OWN]
+    if len(plans) > KEPT and schedule.draws.n_draws > SCREENED:
+        some = PlanTable.of(replace(schedule, draws=schedule.draws.thin(SCREENED)), plans)
+        plans = tuple(some.plans[i] for i in np.argsort(-some.means, kind="stable")[:KEPT])
+    table = PlanTable.of(schedule, [*plans, _for_model(schedule, posterior_mean(schedule.draws))])
     return one(table.plans[int(np.argmax(table.means))])
 
 
-def cautious_choice(
-    alpha: float, mean_share: float = 0.0, *, regret: bool = False, kinds: int = 1
-) -> Callable[[Schedule], Chosen]:
-    """Recipe of a cautious plan, by value or by regret."""
+@dataclass(frozen=True)
+class CautiousChoice:
+    """Recipe of a cautious plan.
 
-    def choose(schedule: Schedule) -> Chosen:
-        reference = perfect_information(schedule, kinds=kinds).optima if regret else None
-        found = cautious_plan(schedule, alpha, mean_share=mean_share, reference=reference, kinds=kinds)
+    Attributes
+    ----------
+    alpha, mean_share : float
+        As in `models.robust.cautious.cautious_plan`.
+    outcome : {"value", "regret", "gain"}
+        What the criterion is about.
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`).
+    """
+
+    alpha: float
+    mean_share: float = 0.0
+    outcome: Outcome = "value"
+    kinds: int = 1
+
+    def __call__(self, schedule: Schedule) -> Chosen:
+        """The plan for the draws of a schedule."""
+        reference = outcome_reference(schedule, self.outcome, kinds=self.kinds)
+        found = cautious_plan(
+            schedule, self.alpha, mean_share=self.mean_share, reference=reference, kinds=self.kinds
+        )  # fmt: skip
         return Chosen(found.plans, tuple(found.share.tolist()))
-
-    return choose
 
 
 def standard_candidates(
@@ -122,47 +145,64 @@ def standard_candidates(
     ----------
     schedule : Schedule
     alpha, mean_share : float
-        Of the cautious plan.
+        Of the cautious plan; those by gain and by regret have the same `alpha`.
     kinds : int
         Where people differ: kinds of people in each draw (`models.robust.people_draws`).
     plug_in : LatentStatePOMDP, optional
         The point estimate, of any number of states, with a reward of its own.
     more : sequence of Candidate
     """
-    share = f"{100 * alpha:.3g}% of the draws" if alpha > 0 else "draw"
+    share = f"in the worst {100 * alpha:.3g}% of the draws" if alpha > 0 else "in the worst draw"
     mixed = f", {mean_share:.0%} mean" if mean_share else ""
     out = [
-        Candidate("Bayes-adaptive", "best mean over the draws; learns which draw it faces",
-                  lambda s: one(solve_schedule(s).decisions)),
-        Candidate("cautious", f"best mean of the worst {share}{mixed}",
-                  cautious_choice(alpha, mean_share, kinds=kinds)),
+        Candidate("Bayes-adaptive", "best mean over the draws; learns which draw it faces", _bayes),
+        Candidate("cautious", f"best mean {share}{mixed}", CautiousChoice(alpha, mean_share, kinds=kinds)),
+        Candidate("cautious gain", f"best mean gain over never helping {share}",
+                  CautiousChoice(alpha, outcome="gain", kinds=kinds)),
+        Candidate("cautious regret", f"smallest mean regret {share}",
+                  CautiousChoice(alpha, outcome="regret", kinds=kinds)),
         Candidate("minimax regret", "smallest largest regret over the draws",
-                  cautious_choice(0.0, regret=True, kinds=kinds)),
+                  CautiousChoice(0.0, outcome="regret", kinds=kinds)),
     ]  # fmt: skip
-    if plug_in is not None:
-        plan = one(_for_model(schedule, plug_in)) if _plans_alike(schedule, plug_in) else None
-        if plan is not None:
-            out.append(Candidate("plug-in estimate", "best plan if the point estimate were true",
-                                 lambda s: plan, looks=False))  # fmt: skip
+    if plug_in is not None and _plans_alike(schedule, plug_in):
+        recipe = partial(_given, one(_for_model(schedule, plug_in)))
+        out.append(Candidate("plug-in estimate", "best plan if the point estimate were true", recipe, looks=False))
     out += [
-        Candidate("posterior mean", "best plan if the mean tables were true",
-                  lambda s: one(_for_model(s, posterior_mean(s.draws)))),
-        Candidate("best fixed model", "best of the plans made for one draw or the mean tables",
-                  _fixed_model),
-        Candidate("most common plan", "own plan of more draws than any other",
-                  lambda s: one(own_plans(s).plans[0])),
-        Candidate("fixed sequence", "best sequence of actions that listens to nobody", lambda s: one(open_loop(s))),
+        Candidate("posterior mean", "best plan if the mean tables were true", _mean_model),
+        Candidate("best fixed model", "best of the plans made for one draw or the mean tables", _fixed_model),
+        Candidate("most common plan", "own plan of more draws than any other", _most_common),
+        Candidate("fixed sequence", "best sequence of actions that listens to nobody", _sequence),
     ]  # fmt: skip
-    mean = posterior_mean(schedule.draws)
-    names = [p.name for p in baselines(mean)]
+    names = [p.name for p in baselines(posterior_mean(schedule.draws))]
     for i, name in enumerate(names):
         about = "baseline, belief by the mean tables" if name == "myopic" else "baseline"
-        out.append(Candidate(name, about, _baseline(i), looks=name == "myopic"))
+        out.append(Candidate(name, about, partial(_baseline, i), looks=name == "myopic"))
     return (*out, *more)
 
 
-def _baseline(i: int) -> Callable[[Schedule], Chosen]:
-    return lambda s: Chosen(policy=baselines(posterior_mean(s.draws))[i])
+# Recipes are functions of a module, so that they can be sent to other processes.
+def _bayes(schedule: Schedule) -> Chosen:
+    return one(solve_schedule(schedule).decisions)
+
+
+def _given(chosen: Chosen, _schedule: Schedule) -> Chosen:
+    return chosen
+
+
+def _mean_model(schedule: Schedule) -> Chosen:
+    return one(_for_model(schedule, posterior_mean(schedule.draws)))
+
+
+def _most_common(schedule: Schedule) -> Chosen:
+    return one(own_plans(schedule).plans[0])
+
+
+def _sequence(schedule: Schedule) -> Chosen:
+    return one(open_loop(schedule))
+
+
+def _baseline(i: int, schedule: Schedule) -> Chosen:
+    return Chosen(policy=baselines(posterior_mean(schedule.draws))[i])
 
 
 def _plans_alike(schedule: Schedule, model: LatentStatePOMDP) -> bool:

@@ -9,7 +9,7 @@ criterion of the mixture, from above :math:`\max_\pi \sum_i q_i X_i(\pi)` for we
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -105,16 +105,35 @@ class CautiousPlan:
         best = int(np.argmax(worth))
         return self.table.plans[best], worth[best]
 
+    def without_lots(self) -> CautiousPlan:
+        """The best single plan among those looked at, for who will not draw lots.
+
+        It keeps the bound that holds for all policies, so its gap is what drawing lots could gain at most.
+        """
+        plan, worth = self.best_single()
+        values = self.groups.mean(self.table.values[self.table.row(plan)])
+        return replace(self, plans=(plan,), share=np.ones(1), values=values, lower=worth)
+
     def rows(self) -> list[dict[str, Any]]:
         """The mixture readable: each plan's share, and what it does at each event after which responses."""
-        s = self.schedule
-        out = []
-        for plan, share in sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1]):
-            actions = {
-                f"event {k + 1} ({s.mode(k).letter})": _level_words(s, k, level) for k, level in enumerate(plan)
-            }
-            out.append({"share": float(share), **actions})
-        return out
+        mixed = sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1])
+        return [{"share": float(share), **plan_words(self.schedule, plan)} for plan, share in mixed]
+
+
+def plan_words(schedule: Schedule, plan: Decisions) -> dict[str, str]:
+    """What a plan does at each event, after which responses."""
+    return {
+        f"event {k + 1} ({schedule.mode(k).letter})": _level_words(schedule, k, level)
+        for k, level in enumerate(plan)
+    }
+
+
+def acting_words(schedule: Schedule, plan: Decisions) -> list[str]:
+    """What a plan does at the events at which it may act, and nothing of those at which it never does."""
+    words = plan_words(schedule, plan)
+    idle = [schedule.mode(k).null_action for k in range(schedule.n_events)]
+    acts = [f"{event} {w}" for (event, w), null in zip(words.items(), idle, strict=True) if w != null]
+    return acts or ["never acts"]
 
 
 def _level_words(s: Schedule, k: int, level: Any) -> str:

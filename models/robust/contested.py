@@ -7,6 +7,7 @@ decide shows where the best plan is indifferent. Costs of one mode's actions are
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -23,6 +24,9 @@ SETTLED, ROUNDS, FULL_STEPS = 1e-9, 60, 10
 
 LARGEST = 1024.0
 """Multiple of the costs beyond which no flip is looked for."""
+
+WIDER = 4.0
+"""A flip point is looked for again within so many times what it moved by last, before anywhere else."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,7 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
     settled = dict.fromkeys(modes, False)
     costs: dict[int, dict[str, float]] = {}
     flips: dict[int, Flip] = {}
+    near: dict[int, tuple[float, float]] = {}
     for number in range(ROUNDS):
         moved = 0.0
         for m in modes:
@@ -98,12 +103,14 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
                 continue
             others = {a: c for n, own in costs.items() if n != m for a, c in own.items()}
             from_there = replace(with_costs(schedule, others), modes=schedule.modes[schedule.modes.index(m) :])
-            flips[m] = flip = _flip(from_there, m)
+            flips[m] = flip = _flip(from_there, m, near.get(m))
             if flip.multiple is None:
                 settled[m] = True
                 moved = np.inf if m in costs else moved
                 costs.pop(m, None)
                 continue
+            apart = abs(flip.multiple - near[m][0]) if m in near else 0.1 * flip.multiple
+            near[m] = flip.multiple, WIDER * apart
             before = costs.get(m)
             last = number == ROUNDS - 1
             # Halfway steps end a chase that full steps would go on with for ever.
@@ -125,11 +132,13 @@ def with_costs(schedule: Schedule, costs: dict[str, float]) -> Schedule:
     return replace(schedule, draws=replace(schedule.draws, reward=replace(reward, costs={**reward.costs, **costs})))
 
 
-def _flip(schedule: Schedule, m: int) -> Flip:
+def _flip(schedule: Schedule, m: int, near: tuple[float, float] | None = None) -> Flip:
+    """Where the first decision flips; `near`: where it did with costs a little different, and how far around."""
     mode = schedule.protocol.modes[m]
     base = dict(zip(schedule.protocol.action_names, schedule.costs.tolist(), strict=True))
     own = {a.name: base[a.name] for a in mode.actions}
 
+    @cache
     def advantage(multiple: float) -> Array:
         """Worth of each first action over the best other one."""
         values = solve_schedule(with_costs(schedule, {a: multiple * c for a, c in own.items()})).first_values
@@ -141,13 +150,17 @@ def _flip(schedule: Schedule, m: int) -> Flip:
         return np.asarray(values - others)
 
     free = int(np.argmax(advantage(0.0)))
-    low, high = 0.0, 1.0
-    while high <= LARGEST and advantage(high)[free] > 0:
-        low, high = high, 2 * high
-    if high > LARGEST:
-        return Flip(mode.name, None, own, mode.actions[free].name)
-    if advantage(low)[free] <= 0:
-        return Flip(mode.name, low, {a: low * c for a, c in own.items()}, mode.actions[free].name)
+    low, high = 0.0, 0.0
+    if near is not None:
+        low, high = max(0.0, near[0] - near[1]), near[0] + near[1]
+    if not (low < high and advantage(low)[free] > 0 >= advantage(high)[free]):
+        low, high = 0.0, 1.0
+        while high <= LARGEST and advantage(high)[free] > 0:
+            low, high = high, 2 * high
+        if high > LARGEST:
+            return Flip(mode.name, None, own, mode.actions[free].name)
+        if advantage(low)[free] <= 0:
+            return Flip(mode.name, low, {a: low * c for a, c in own.items()}, mode.actions[free].name)
     # Worth is piecewise linear in the costs, so a secant is exact near the root.
     multiple = brentq(lambda m: advantage(m)[free], low, high, xtol=PRECISION * high)
     return Flip(mode.name, multiple, {a: multiple * c for a, c in own.items()}, mode.actions[free].name)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +27,8 @@ from models.planning.batch import BatchSolution
 from models.planning.latent import LatentBatch
 from models.robust.controller_values import value_matrix
 from models.robust.controllers import Controller, own_controllers
-from models.robust.risk import cvar
+from models.robust.risk import Outcome, cvar
 from models.spread_out import chunks
-
-Outcome = Literal["value", "regret", "gain"]
-"""What a criterion is about: the value, minus the bound on the regret, or the gain over a named controller."""
 
 SIZE = 32
 """Controllers of draws in a pool, beside those given by name."""
@@ -125,7 +122,7 @@ class ControllerPool:
         return self.names.index(name)
 
     def outcomes(self, outcome: Outcome = "value", against: str = "never") -> Array:
-        """What a criterion is about, shape ``[p, d]``; `against` is what gains are counted from."""
+        """What a criterion is about, shape ``[p, d]``; regrets are bounds, gains are counted from `against`."""
         if outcome == "value":
             return self.values
         if outcome == "regret":

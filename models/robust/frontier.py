@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +13,13 @@ from models.planning.schedule import Array, Schedule
 from models.robust.cautious import CautiousPlan, cautious_plan
 from models.robust.plan_table import PlanTable
 from models.robust.risk import cvar
+from models.spread_out import chunks, spread_out
 
 LEVELS = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.01)
 """Shares of the draws that the frontier is drawn at."""
+
+TOGETHER = 5
+"""Neighbouring levels that are one piece of work: plans of one save most of the work on the next."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +92,10 @@ def frontier(
     mean_shares: Sequence[float] = (),
     reference: Array | None = None,
     kinds: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Frontier:
-    """Cautious plans from the mean to the tail; plans found at one level start the next.
+    """Cautious plans from the mean to the tail; plans found at one level start its neighbours.
 
     Parameters
     ----------
@@ -101,20 +107,28 @@ def frontier(
     reference : float64[u], optional
     kinds : int
         As in `models.robust.cautious.cautious_plan`.
+    executor : concurrent.futures.Executor, optional
+        What runs of neighbouring levels are spread over; threads by default. No result depends on it.
     progress : callable, optional
-        Called with plans done and plans in all.
+        Called with such runs done and in all.
     """
     settings = [(a, k) for a in levels for k in (mean_shares or (0.0,))]
     bayes = cautious_plan(schedule, 1.0, reference=reference, kinds=kinds)
-    table: PlanTable = bayes.table
-    plans = []
-    for i, (alpha, kappa) in enumerate(settings):
-        found = cautious_plan(
-            schedule, alpha, mean_share=kappa, reference=reference, kinds=kinds, start=table
-        )  # fmt: skip
-        table = found.table
-        plans.append(found)
-        if progress is not None:
-            progress(i + 1, len(settings))
+    pieces = [(bayes.table, reference, kinds, settings[part]) for part in chunks(len(settings), TOGETHER)]
+    plans = tuple(plan for part in spread_out(executor, _neighbours, pieces, progress) for plan in part)
     outcomes = bayes.values - bayes.reference
-    return Frontier(schedule, tuple(plans), tuple(cvar(outcomes, bayes.risk.weight, a) for a, _ in settings))
+    return Frontier(schedule, plans, tuple(cvar(outcomes, bayes.risk.weight, a) for a, _ in settings))
+
+
+def _neighbours(
+    piece: tuple[PlanTable, Array | None, int, Sequence[tuple[float, float]]],
+) -> list[CautiousPlan]:
+    """Plans of some neighbouring settings, each search begun with what was found before."""
+    table, reference, kinds, settings = piece
+    out = []
+    for alpha, kappa in settings:
+        out.append(
+            cautious_plan(table.schedule, alpha, mean_share=kappa, reference=reference, kinds=kinds, start=table)
+        )
+        table = out[-1].table
+    return out

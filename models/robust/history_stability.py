@@ -6,7 +6,7 @@ The same responses move the belief differently in every draw, and they say how b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +23,9 @@ from models.robust.belief_stability import UNDECIDED, BeliefStability, belief_st
 
 POSSIBLE = 1e-12
 """Histories less probable than that are left out."""
+
+LIKELY = 0.01
+"""Histories less probable than that are not looked at for the most divided one."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +68,79 @@ class EventStability:
                         strict=True))  # fmt: skip
 
 
+@dataclass(frozen=True)
+class HistoryStability:
+    """Decisions of all draws along a study.
+
+    Attributes
+    ----------
+    letters : str
+        The study's schedule.
+    policy : str
+        Name of what the robot does until then.
+    events : tuple of EventStability
+    null_actions : mapping of str to str
+        Of every mode.
+    """
+
+    letters: str
+    policy: str
+    events: tuple[EventStability, ...]
+    null_actions: Mapping[str, str]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row a history."""
+        return [row for event in self.events for row in event.rows()]
+
+    @property
+    def table(self) -> Any:
+        """One row an event, histories weighted by how probable they are, as a data frame."""
+        import pandas as pd
+
+        rows = []
+        for e in self.events:
+            p = e.probability / e.probability.sum()
+            losses = dict(zip(e.stability.actions, (p @ e.stability.loss).tolist(), strict=True))
+            rows.append(
+                {
+                    "event": e.event + 1, "mode": e.stability.mode,
+                    "prefer": ", ".join(f"{a} {v:.0%}" for a, v in e.mean_shares.items()),
+                    "lose": ", ".join(f"{a} {v:.2g}" for a, v in losses.items()),
+                    "histories": len(e.histories),
+                }
+            )  # fmt: skip
+        return pd.DataFrame(rows)
+
+    @property
+    def most_divided(self) -> tuple[EventStability, int]:
+        """Event, and number of the history there, of those likely to come up at which draws agree least."""
+        found = [
+            (float(e.stability.leaning[g].max()), k, g)
+            for k, e in enumerate(self.events)
+            for g in range(len(e.histories))
+            if e.probability[g] >= LIKELY
+        ]
+        _, k, g = min(found)
+        return self.events[k], g
+
+    @property
+    def sentence(self) -> str:
+        """Where the draws disagree most, and what that costs."""
+        event, g = self.most_divided
+        s = event.stability
+        after = f" after {', '.join(event.histories[g])}" if event.histories[g] else ""
+        shares = ", ".join(f"{a} {v:.0%}" for a, v in s.shares(g).items())
+        losses = ", ".join(f"{a} {v:.2g}" for a, v in s.losses(g).items())
+        return (
+            f"Without an end, along {self.letters} with {self.policy}, at {s.whose}: the draws are most divided at "
+            f"event {event.event + 1} ({s.mode}){after}: {shares}; what each loses on average: {losses}."
+        )
+
+
 def history_stability(
     solution: BatchSolution, schedule: str | Sequence[str], policy: Policy, *,
     tracker: LatentStatePOMDP | None = None, executor: Executor | None = None,
-) -> list[EventStability]:  # fmt: skip
+) -> HistoryStability:  # fmt: skip
     """What each draw would do next, after every history that a policy may meet over a schedule.
 
     The schedule says which histories there are. What an action is worth is counted without horizon, with modes as
@@ -114,7 +186,8 @@ def history_stability(
         out.append(EventStability(k, tuple(h for h, *_ in level), joint.sum(axis=0), found))
         if k + 1 < len(modes):
             level = [new for old in level for new in _after(draws, old, policy, tracker, modes[k + 1])]
-    return out
+    nulls = {m.name: m.null_action for m in p.modes}
+    return HistoryStability("".join(p.modes[x].letter for x in modes), policy.name, tuple(out), nulls)
 
 
 def _after(

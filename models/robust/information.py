@@ -10,10 +10,13 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from models.errors import located
+from models.planning.baselines import never
+from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import ExactPlan, solve_schedule
 from models.planning.schedule import Array, Schedule
 from models.robust.draw_error import DrawMean, draw_mean
@@ -21,6 +24,7 @@ from models.robust.draw_groups import DrawGroups
 from models.robust.many_weights import ManyWeights
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanEvaluator
+from models.robust.risk import Outcome
 
 SAME = 1e-12
 """Losses below this, times the largest value, are rounding."""
@@ -148,10 +152,43 @@ def perfect_information(
     groups = DrawGroups.of(schedule.draws, kinds)
     plan = solve_schedule(schedule)
     values = groups.mean(PlanEvaluator(schedule).values(plan.decisions))
-    if kinds == 1:
-        optima = own_plans(schedule, executor).values
-    else:
-        optima = ManyWeights(schedule).group_optima(groups.share).values
+    optima = own_optima(schedule, groups, executor)
     found = PerfectInformation(schedule, groups, plan, optima, values, chains, sampled)
     _ = found.error  # a wrong number of chains is told now
     return found
+
+
+def own_optima(schedule: Schedule, groups: DrawGroups, executor: Executor | None = None) -> Array:
+    """What the best plan for each draw is worth if that draw is true, shape ``[u]``."""
+    if groups.kinds == 1:
+        return own_plans(schedule, executor).values
+    return ManyWeights(schedule).group_optima(groups.share).values
+
+
+def outcome_reference(
+    schedule: Schedule, outcome: Outcome, *, kinds: int = 1, executor: Executor | None = None
+) -> Array | None:
+    """What the outcomes of a criterion are counted from, shape ``[u]``; None where that is nothing.
+
+    Parameters
+    ----------
+    schedule : Schedule
+    outcome : {"value", "regret", "gain"}
+        For ``regret`` each draw's own optimum, for ``gain`` what never helping is worth there.
+    kinds : int
+        Where people differ: kinds of people in each draw (`models.robust.people_draws`).
+    executor : concurrent.futures.Executor, optional
+
+    Raises
+    ------
+    InputError
+        On another outcome.
+    """
+    if outcome not in get_args(Outcome):
+        raise located("outcome", outcome, "value, regret or gain")
+    if outcome == "value":
+        return None
+    groups = DrawGroups.of(schedule.draws, kinds)
+    if outcome == "regret":
+        return own_optima(schedule, groups, executor)
+    return groups.mean(evaluate_schedule(never(schedule.protocol), schedule).values)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.errors import located
 from models.planning.schedule import Array, Schedule
@@ -85,12 +86,9 @@ class ManyWeights:
         InputError
             If they do not fit the draws, or are negative.
         """
-        n = self.schedule.draws.n_draws
-        for given in (weights,) if score is None else (weights, score):
-            if given.ndim != 2 or given.shape != (len(weights), n):
-                raise located("weights, shape", given.shape, f"[any number, {n}], one a draw")
-            if np.any(~(given >= 0)):
-                raise located("weights", float(given[~(given >= 0)][0]), "numbers of at least 0")
+        self._check(weights)
+        if score is not None:
+            self._check(score, len(weights))
         parts = []
         for some in chunks(len(weights), max(1, ROOM // self.n_rows)):
             total = np.zeros((self.n_rows, some.stop - some.start))
@@ -100,9 +98,50 @@ class ManyWeights:
                 if score is not None and other is not None:
                     other += rows @ score[some, span].T
             parts.append(self._backward(total, other))
-        if not parts:
-            return Optima(np.zeros(0), np.zeros((0, len(self.schedule.mode(0).actions))), np.zeros(0))
-        return Optima(*(np.concatenate(p) for p in zip(*parts, strict=True)))
+        return self._joined(parts)
+
+    def crossed(self, weights: Array, part: NDArray[np.int64], left_out: NDArray[np.int64]) -> Optima:
+        """Worth of best plans under each of many weights, and of those chosen without one part of the draws there.
+
+        Parameters
+        ----------
+        weights : float64[m, d]
+            Non-negative; they need not sum to one, and worth is proportional to them.
+        part : int64[d]
+            Part that each draw belongs to.
+        left_out : int64[m]
+            The part that a second plan is chosen without.
+
+        Returns
+        -------
+        Optima
+            `scored` is what the second plan is worth under the weights of the part left out, the others being zero.
+
+        Raises
+        ------
+        InputError
+            If weights do not fit the draws, or are negative.
+        """
+        self._check(weights)
+        parts = np.unique(part)
+        found = []
+        for some in chunks(len(weights), max(1, ROOM // (self.n_rows * len(parts)))):
+            sums = np.zeros((len(parts), self.n_rows, some.stop - some.start))
+            for span, rows in self._rows(1):
+                for i, number in enumerate(parts):
+                    own = np.flatnonzero(part[span] == number)
+                    if own.size:
+                        sums[i] += rows[:, own] @ weights[some, span][:, own].T
+            # Sums of the other parts, and not the difference of two sums: the part left out may have nearly all
+            # of the weight.
+            chosen, score = np.zeros_like(sums[0]), np.zeros_like(sums[0])
+            for i, number in enumerate(parts):
+                out = left_out[some] == number
+                score[:, out] = sums[i][:, out]
+                chosen[:, ~out] += sums[i][:, ~out]
+            best, other = self._backward(sums.sum(axis=0)), self._backward(chosen, score)
+            found.append(best._replace(scored=other.scored))
+        return self._joined(found)
 
     def group_optima(self, share: Array) -> Optima:
         r"""Best plan's worth within each group of neighbouring draws.
@@ -125,6 +164,19 @@ class ManyWeights:
             units = slice(span.start // size, span.stop // size)
             summed = np.einsum("ruk,uk->ru", rows.reshape(len(rows), -1, size), share[units])
             parts.append(self._backward(summed))
+        return Optima(*(np.concatenate(p) for p in zip(*parts, strict=True)))
+
+    def _check(self, weights: Array, rows: int | None = None) -> None:
+        n = self.schedule.draws.n_draws
+        if weights.ndim != 2 or weights.shape[1] != n or rows not in (None, len(weights)):
+            wanted = f"[{'any number' if rows is None else rows}, {n}], one a draw"
+            raise located("weights, shape", weights.shape, wanted)
+        if np.any(~(weights >= 0)):
+            raise located("weights", float(weights[~(weights >= 0)][0]), "numbers of at least 0")
+
+    def _joined(self, parts: list[Optima]) -> Optima:
+        if not parts:
+            return Optima(np.zeros(0), np.zeros((0, len(self.schedule.mode(0).actions))), np.zeros(0))
         return Optima(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
     def _rows(self, multiple: int) -> Iterator[tuple[slice, Array]]:

@@ -12,7 +12,8 @@ slices of the draws along the block and of the cells that matter. Two numbers co
 - *cross-fitted*: the rule from block to plan is made without a part of the draws and scored on that part. This is
   an honest value of one rule that could be used, so it tends to be too low, and it has a standard error.
 
-The truth should lie between them, up to that error. The plain regression estimate is reported beside them.
+The truth should lie between them, up to that error. The plain regression estimate is reported beside them. Of a
+sample of fewer than a hundred draws the cross-fitted number would be luck, so there is none.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class _Work:
     own: tuple[int, ...]
     which: NDArray[np.int64]
     today: int
-    fold: NDArray[np.int64]
+    fold: NDArray[np.int64] | None
 
 
 def partial_information(
@@ -119,7 +120,10 @@ def partial_information(
     table = PlanTable.of(schedule, [known.plan, *own.plans[:FREQUENT], *pool])
     frequent = tuple(table.row(p) for p in own.plans[:FREQUENT])
     which = own.which[:: groups.kinds]
-    work = _Work(table, groups, frequent, which, table.row(known.plan.decisions), groups.folds(folds, chains))
+    # A rule can be held against other draws only where the draws are a sample, and a large one.
+    cut = known.sampled and len(groups) >= FEWEST_DRAWS
+    fold = groups.folds(folds, chains) if cut else None
+    work = _Work(table, groups, frequent, which, table.row(known.plan.decisions), fold)
     found = spread_out(executor, _block, [(work, x) for x in features], progress)
     every = table.with_plans([plan for cells in found for plan in cells.plans])
     values = groups.mean(every.values)
@@ -131,9 +135,9 @@ def partial_information(
             [values[:, cells.cell == c] @ groups.weight[cells.cell == c] for c in np.unique(cells.cell)]
         )
         chosen = beyond_rounding(np.array([sums.max(axis=1).sum() - best]), scale)[0]
-        # A rule can be held against other draws only where the draws are a sample.
         error = draw_mean(cells.gain, groups.weight, chains)
-        worth, se = (error.mean, error.se) if known.sampled else (float(chosen), float("nan"))
+        told = float(chosen) if not known.sampled or x.shape[1] == 0 else float("nan")
+        worth, se = (error.mean, error.se) if cut else (told, float("nan"))
         rows.append(
             BlockWorth(name, worth, se, float(chosen), cells.regression, len(set(sums.argmax(axis=1))),
                        x.shape[1])
@@ -177,7 +181,7 @@ def _block(piece: tuple[_Work, Array]) -> _Cells:
     smoothed = rule.smoother.predict(features)
     regression = float(groups.weight @ smoothed.max(axis=1) - (groups.weight @ smoothed).max())
     gain = np.zeros(n)
-    for part in np.unique(work.fold):
+    for part in () if work.fold is None else np.unique(work.fold):
         out = work.fold == part
         rest = np.where(out, 0.0, groups.weight)
         if rest.sum() <= 0 or out.all():

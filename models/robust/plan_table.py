@@ -38,6 +38,8 @@ class BestPlans:
     def __init__(self, schedule: Schedule) -> None:
         self.schedule = schedule
         self._tree = schedule_tree(unweighted(schedule))
+        # Laid out now for all draws: whatever is asked of some of them then only cuts.
+        _ = self._tree.tables, self._tree.leaf_vectors
 
     def plan(self, weight: Array) -> Decisions:
         """The best plan for weights ``[d]``; non-negative, and they need not sum to one."""

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from models.errors import located
 from models.planning.arrays import Array, Index
-from models.robust.controller_pool import ControllerPool, Outcome
+from models.robust.controller_pool import ControllerPool
 from models.robust.master import mix
-from models.robust.risk import RiskSet
+from models.robust.risk import Outcome, RiskSet
 
 SMALLEST_SHARE = 1e-9
 """Shares of controllers below this are left out of a mixture, before its value is computed."""

@@ -3,6 +3,7 @@ r"""What plans are worth under doubt, and what the usual shortcuts cost."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,8 +17,9 @@ from models.planning.schedule import Array, Schedule
 from models.robust.candidates import Candidate, Chosen
 from models.robust.draw_error import check_chains
 from models.robust.draw_groups import DrawGroups
-from models.robust.information import SAME, beyond_rounding, perfect_information
+from models.robust.information import SAME, beyond_rounding, own_optima
 from models.robust.risk import RiskSet, cvar, weighted_quantiles
+from models.spread_out import spread_out
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,7 @@ def price(
     kinds: int = 1,
     chains: int | None = None,
     optima: Array | None = None,
+    executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> PriceList:
     """Score plans on all draws, and on draws that had no part in choosing them.
@@ -149,6 +152,8 @@ def price(
         neighbours stay together.
     optima : float64[u], optional
         Draws' optima (`models.robust.information.perfect_information`), if at hand.
+    executor : concurrent.futures.Executor, optional
+        What candidates are spread over; threads by default.
     progress : callable, optional
         Called with candidates done and candidates in all.
 
@@ -162,17 +167,16 @@ def price(
         raise located("candidates, names", names, "different names")
     groups = DrawGroups.of(schedule.draws, kinds)
     check_chains(len(groups), chains)
-    best = perfect_information(schedule, kinds=kinds).optima if optima is None else optima
+    best = own_optima(schedule, groups, executor) if optima is None else optima
     weight = groups.weight
     RiskSet(weight, alpha)
     nothing = groups.mean(evaluate_schedule(never(schedule.protocol), schedule).values)
     half = groups.folds(2, chains)
     cut = len(groups) > 1 and all(weight[half == h].sum() > 0 for h in (0, 1))
+    pieces = [(schedule, c, groups, half if c.looks and cut else None) for c in candidates]
+    found = spread_out(executor, _scored, pieces, progress)
     out = []
-    for i, candidate in enumerate(candidates):
-        chosen = candidate.choose(schedule)
-        values = groups.mean(chosen.values(schedule))
-        apart = _held_out(schedule, candidate, groups, half) if candidate.looks and cut else values
+    for candidate, (chosen, values, apart) in zip(candidates, found, strict=True):
         scale = max(1.0, float(np.abs(values).max()))
         regret, gain = beyond_rounding(best - values, scale), values - nothing
         gain = np.where(np.abs(gain) > SAME * scale, gain, 0.0)
@@ -185,9 +189,17 @@ def price(
                 cvar(gain, weight, alpha), float(weight @ apart), cvar(apart, weight, alpha), values, chosen,
             )
         )  # fmt: skip
-        if progress is not None:
-            progress(i + 1, len(candidates))
     return PriceList(schedule, groups, alpha, tuple(out), best, nothing)
+
+
+def _scored(
+    piece: tuple[Schedule, Candidate, DrawGroups, NDArray[np.int64] | None],
+) -> tuple[Chosen, Array, Array]:
+    """What is chosen, its value in every draw, and that of what is chosen without the draw's half of the draws."""
+    schedule, candidate, groups, half = piece
+    chosen = candidate.choose(schedule)
+    values = groups.mean(chosen.values(schedule))
+    return chosen, values, values if half is None else _held_out(schedule, candidate, groups, half)
 
 
 def _held_out(schedule: Schedule, candidate: Candidate, groups: DrawGroups, half: NDArray[np.int64]) -> Array:

@@ -16,11 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from models.errors import located
 from models.planning.schedule import Array
+
+Outcome = Literal["value", "regret", "gain"]
+"""What a criterion is about: the value, minus the regret, or the gain over never helping."""
 
 
 @dataclass(frozen=True)

@@ -160,38 +160,52 @@ def _gains(piece: tuple[_Work, int, int]) -> Simulated:
     work, begin, end = piece
     groups, replicates = work.groups, range(begin, end)
     scale = max(1.0, float(np.abs(work.optima).max()))
-    many = ManyWeights(work.schedule) if work.pool is None else None
     out = Simulated(*(np.zeros((len(replicates), len(work.studies), len(work.sizes))) for _ in Simulated._fields))
+    telling = [j for j, study in enumerate(work.studies) if not study.tells_nothing]
+    weights, truths = [], []
     for j, study in enumerate(work.studies):
         weight, truth = simulated_weights(study, work.schedule.draws, groups, work.sizes, replicates, work.seed)
-        flat = weight.reshape(-1, len(groups))
-        best = flat @ work.today if study.tells_nothing else _chosen(work, many, flat, flat)
-        shape = out.gain.shape[0], out.gain.shape[2]
-        out.gain[:, j] = beyond_rounding(best - flat @ work.today, scale).reshape(shape)
+        flat, shape = weight.reshape(-1, len(groups)), weight.shape[:-1]
         out.ceiling[:, j] = beyond_rounding(flat @ (work.optima - work.today), scale).reshape(shape)
         out.effective[:, j] = effective_draws(weight)
-        if work.fold is None or study.tells_nothing:
-            continue
-        # Chosen without the truth's part of the draws, scored by that part.
-        own = np.repeat(work.fold[truth], len(work.sizes))[:, None] == work.fold
-        choose, score = np.where(own, 0.0, flat), np.where(own, flat, 0.0)
-        score /= score.sum(axis=1, keepdims=True)
-        told = choose.sum(axis=1) > NOTHING
-        gained = _chosen(work, many, choose, score) - score @ work.today
-        out.held_out[:, j] = np.where(told, gained, 0.0).reshape(shape)
-        out.held_out_ceiling[:, j] = (score @ (work.optima - work.today)).reshape(shape)
+        if j in telling:
+            weights.append(flat)
+            truths.append(np.repeat(truth, len(work.sizes)))
+    if not telling:
+        return out
+    # All studies at once: what every choice is worth in every draw is then worked out once for them.
+    every, shape = np.concatenate(weights), (len(telling), *out.gain[:, 0].shape)
+    own = None if work.fold is None else work.fold[np.concatenate(truths)]
+    best, scored = _chosen(work, every, own)
+    gain = beyond_rounding(best - every @ work.today, scale)
+    out.gain[:, telling] = gain.reshape(shape).transpose(1, 0, 2)
+    if own is None:
+        return out
+    # Chosen without the truth's part of the draws, scored by that part.
+    mine = own[:, None] == work.fold
+    score = np.where(mine, every, 0.0)
+    mass = score.sum(axis=1)
+    told = np.where(mine, 0.0, every).sum(axis=1) > NOTHING
+    gained = (scored - score @ work.today) / mass
+    out.held_out[:, telling] = np.where(told, gained, 0.0).reshape(shape).transpose(1, 0, 2)
+    out.held_out_ceiling[:, telling] = (score @ (work.optima - work.today) / mass).reshape(shape).transpose(1, 0, 2)
     return out
 
 
-def _chosen(work: _Work, many: ManyWeights | None, choose: Array, score: Array) -> Array:
-    """Worth under `score` of the plans that are best under `choose`, both ``[m, u]``."""
-    if many is not None:
-        if choose is score:
-            return many.optima(work.groups.expand(choose)).values
-        return many.optima(work.groups.expand(choose), work.groups.expand(score)).scored
-    assert work.pool is not None
-    best = np.argmax(choose @ work.pool.T, axis=1)
-    return np.asarray(np.einsum("mu,mu->m", score, work.pool[best]))
+def _chosen(work: _Work, weight: Array, own: NDArray[np.int64] | None) -> tuple[Array, Array]:
+    """Worth of best plans under weights ``[m, u]``, and, by the weights of part `own`, of those best without it."""
+    if work.pool is None:
+        many, rows = ManyWeights(work.schedule), work.groups.expand(weight)
+        if own is None or work.fold is None:
+            return many.optima(rows).values, np.zeros(0)
+        found = many.crossed(rows, np.repeat(work.fold, work.groups.kinds), own)
+        return found.values, found.scored
+    best = (weight @ work.pool.T).max(axis=1)
+    if own is None:
+        return best, np.zeros(0)
+    mine = own[:, None] == work.fold
+    choice = np.argmax(np.where(mine, 0.0, weight) @ work.pool.T, axis=1)
+    return best, np.asarray(np.einsum("mu,mu->m", np.where(mine, weight, 0.0), work.pool[choice]))
 
 
 def enumerated_information(schedule: Schedule, study: NextStudy, people: int, *, kinds: int = 1) -> float:

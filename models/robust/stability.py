@@ -22,6 +22,12 @@ from models.robust.draw_groups import DrawGroups
 from models.robust.many_weights import ManyWeights
 from models.robust.own_plans import own_plans
 
+LIKELY = 0.01
+"""Histories less probable than that are not looked at for the least sure decision."""
+
+ROUNDING = 1e-12
+"""Bits below this are rounding."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -111,11 +117,69 @@ class Stability:
         )  # fmt: skip
 
     @property
+    def by_event(self) -> Any:
+        """One row an event, as a data frame.
+
+        How many of the draws agree with the plan on average over its histories; the decision that fewest agree with
+        of those likely to come up; and what the responses have told of the draws, in bits and effective draws.
+        """
+        import pandas as pd
+
+        rows = []
+        for k in range(self.schedule.n_events):
+            own = [x for x in self.standings if x.event == k]
+            chance = np.array([x.probability for x in own])
+            chance /= chance.sum()
+            least = min(
+                (x for x in own if x.probability >= LIKELY), key=lambda x: x.share[x.action], default=own[0]
+            )
+            rows.append(
+                {
+                    "event": k + 1, "mode": self.schedule.mode(k).name,
+                    "agree": float(sum(p * x.share[x.action] for p, x in zip(chance, own, strict=True))),
+                    "least_sure": least.action, "after": ", ".join(least.responses) or "-",
+                    "least_agree": least.share[least.action], "wrong_costs": least.regret,
+                    "bits": float(sum(p * x.information for p, x in zip(chance, own, strict=True))),
+                    "effective_draws": float(sum(p * x.effective_draws for p, x in zip(chance, own, strict=True))),
+                }
+            )  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row a decision, with the share of the draws that prefer each action and what each loses."""
+        return [
+            {
+                "event": x.event + 1, "mode": x.mode, "responses": list(x.responses), "probability": x.probability,
+                "action": x.action, "shares": x.share, "losses": x.loss, "effective_draws": x.effective_draws,
+                "bits": x.information,
+            }
+            for x in self.standings
+        ]  # fmt: skip
+
+    @property
     def agreement(self) -> float:
         """Mean share of the draws that agree with the plan, over its events and histories."""
         chance = np.array([x.probability for x in self.standings])
         agree = np.array([x.share[x.action] for x in self.standings])
         return float(chance @ agree / chance.sum())
+
+    @property
+    def least_sure(self) -> Standing:
+        """The decision that fewest draws agree with, of those that are likely to come up."""
+        return min((x for x in self.standings if x.probability >= LIKELY), key=lambda x: x.share[x.action])
+
+    @property
+    def headline(self) -> str:
+        """How sure the first decision is; where every draw agrees with it, the least sure one as well."""
+        first, least = self.standings[0], self.least_sure
+        words = first.words[:-1]
+        if first.share[first.action] <= 1 - 1e-12 or least.share[least.action] > 1 - 1e-12:
+            return words
+        after = f" after {', '.join(least.responses)}" if least.responses else ""
+        return (
+            f"{words}, {least.action} at event {least.event + 1}{after} in {least.share[least.action]:.0%}; being "
+            f"wrong there costs {least.regret:.2g} on average"
+        )
 
     @property
     def sentence(self) -> str:
@@ -125,8 +189,7 @@ class Stability:
     @property
     def weakest(self) -> str:
         """The least sure decision of those that are likely to come up, and what is learned on the way."""
-        likely = [x for x in self.standings if x.probability >= 0.01]
-        least = min(likely, key=lambda x: x.share[x.action])
+        least = self.least_sure
         end = [x for x in self.standings if x.event == self.schedule.n_events - 1]
         bits = sum(x.probability * x.information for x in end) / sum(x.probability for x in end)
         after = f" after {', '.join(least.responses)}" if least.responses else ""
@@ -225,7 +288,8 @@ def _standing(
     share = {name: float(weight[chosen == a].sum()) for a, name in enumerate(names)}
     loss = {name: float(weight @ (best - first[:, a])) for a, name in enumerate(names)}
     positive = weight > 0
-    bits = max(0.0, float(np.sum(weight[positive] * np.log2(weight[positive] / prior[positive]))))
+    bits = float(np.sum(weight[positive] * np.log2(weight[positive] / prior[positive])))
+    bits = bits if bits > ROUNDING else 0.0
     return Standing(
         k, schedule.mode(k).name, responses, float(joint.sum()), action, share, loss,
         float(1 / np.sum(weight**2)), bits, weight,

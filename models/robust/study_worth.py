@@ -132,6 +132,17 @@ class StudyWorth:
         """What is `sure` to all people served (one, if not given) less what the participants cost."""
         return self.sure * (1.0 if self.served is None else self.served) - self.cost * self.people
 
+    def share_of(self, doubt: float) -> str:
+        """What the study takes away of what doubt costs in all, from what is `sure` to `worth`, in words.
+
+        Examples
+        --------
+        >>> StudyWorth("one", 5, 0.5, 0.1, 0.4, 0.1, 0.5, 0.1, 2.0, 2.0, 500.0, 0.3).share_of(2.0)
+        '20% to 25%'
+        """
+        low, high = (v / doubt if doubt > 0 else 0.0 for v in (self.sure, self.worth))
+        return f"{low:.0%}" if f"{low:.0%}" == f"{high:.0%}" else f"{low:.0%} to {high:.0%}"
+
     @property
     def warning(self) -> str:
         """What stands against believing the number; empty if nothing does."""
@@ -249,14 +260,18 @@ class SampleInformation:
         return pd.DataFrame([{c: getattr(r, c) for c in columns} for r in self.rows])
 
     @property
-    def sentences(self) -> list[str]:
-        """One sentence a study, for its largest size that the draws can tell of."""
+    def told(self) -> list[StudyWorth]:
+        """Each study with its largest size that the draws can tell of, else its smallest."""
         out = []
         for j in range(len(self.studies)):
             own = self.rows[j * len(self.sizes) : (j + 1) * len(self.sizes)]
-            told = [r for r in own if r.enough] or [own[0]]
-            out.append(told[-1].sentence)
+            out.append(([r for r in own if r.enough] or [own[0]])[-1])
         return out
+
+    @property
+    def sentences(self) -> list[str]:
+        """One sentence a study, for its largest size that the draws can tell of."""
+        return [row.sentence for row in self.told]
 
     @property
     def sentence(self) -> str:
@@ -269,8 +284,10 @@ class SampleInformation:
         if best.net <= 0:
             return f"None of these studies is worth its cost; the least bad: {best.sentence}"
         least = "" if self.exact else "at least "
-        share = 100 * best.worth / self.perfect if self.perfect > 0 else 0.0
-        return f"The best of these studies takes away {least}{share:.0f}% of what doubt costs: {best.sentence}"
+        return (
+            f"The best of these studies takes away {least}{best.share_of(self.perfect)} of what doubt costs: "
+            f"{best.sentence}"
+        )
 
     def _place(self, study: str, people: int) -> tuple[int, int]:
         if study not in self.studies:

@@ -8,7 +8,8 @@ vectors together mends that: each is a sound lower bound everywhere, wherever it
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,10 +19,23 @@ from models.planning.batch import BatchSolution, DrawSolution, solve_draws
 from models.planning.latent import LatentBatch
 
 
+@dataclass(frozen=True)
+class WideSolution(BatchSolution):
+    """Solutions that can be asked about decisions all over the simplex.
+
+    Attributes
+    ----------
+    beliefs : float64[g, y]
+        Where draws were solved from, beside their start.
+    """
+
+    beliefs: Array
+
+
 def widened(
     solution: BatchSolution, beliefs: Array | None = None, *, time_limit: float = 60.0,
-    progress: Callable[[int, int], None] | None = None,
-) -> BatchSolution:  # fmt: skip
+    executor: Executor | None = None, progress: Callable[[int, int], None] | None = None,
+) -> WideSolution:  # fmt: skip
     """The solutions together with those from other beliefs; bounds and status remain those of the start.
 
     Parameters
@@ -32,6 +46,8 @@ def widened(
         the solution itself.
     time_limit : float
         Seconds for one draw that the first attempt leaves unsolved.
+    executor : concurrent.futures.Executor, optional
+        What draws are spread over; threads by default.
     progress : callable, optional
         Called with draws done and draws in all, over all beliefs.
 
@@ -51,9 +67,13 @@ def widened(
         draws = replace(batch.draws, initial=np.tile(belief, (len(batch), 1)))
         told = None if progress is None else _shifted(progress, g, len(points))
         other = LatentBatch(draws, process, batch.discount)
-        found.append(solve_draws(other, solution.precision, time_limit=time_limit, progress=told))
+        found.append(
+            solve_draws(other, solution.precision, time_limit=time_limit, executor=executor, progress=told)
+        )
     joined = tuple(_joined(parts) for parts in zip(*(s.solutions for s in found), strict=True))
-    return replace(solution, solutions=joined, seconds=sum(s.seconds for s in found))
+    return WideSolution(
+        batch, joined, solution.precision, sum(s.seconds for s in found), solution.compile_seconds, points
+    )
 
 
 def _shifted(progress: Callable[[int, int], None], before: int, count: int) -> Callable[[int, int], None]:

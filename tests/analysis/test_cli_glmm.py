@@ -88,8 +88,9 @@ def test_json_is_the_fit(files, capsys):
     over = marginal_contrast(fit, {"b": 1}, {"b": 0})
     assert found["marginal"]["b"]["odds_ratio"]["estimate"] == pytest.approx(over.odds_ratio.value)
     low, high = np.quantile(table()["x"], [0.25, 0.75])
-    assert found["marginal"]["x"]["setting"] == f"x = {high}"
-    assert found["marginal"]["x"]["reference"] == f"x = {low}"
+    assert found["marginal"]["x"]["setting"] == f"x = {high:.4g} (upper quartile)"
+    assert found["marginal"]["x"]["reference"] == f"x = {low:.4g} (lower quartile)"
+    assert found["unbounded"] == {}
     assert "Odds ratios for one and the same group" in captured.err
 
 
@@ -191,7 +192,8 @@ def test_tables_that_cannot_be_used(files, name, said, capsys):
         (["--formula", "~ x + (1|g)"], "wanted an outcome before the ~"),
         (["--formula", "y + x + (1|g)"], "found 0 times '~'"),
         (["--formula", "y ~ x +* b + (1|g)"], "formula 'y ~ x +* b'"),
-        (["--formula", "y ~ x + (x|g)"], "wanted a random intercept: (1|g)"),
+        (["--formula", "y ~ x + (x|g)"], "quadrature: found 25, wanted 'laplace', by name: there is no other rule"),
+        (["--formula", "y ~ x + (1|g) + (0 + x|b)"], "found random terms of g and b, wanted random terms of one"),
         (["--formula", "y ~ x + (1|g"], "wanted one random intercept"),
         (["--formula", "y ~ x + (1|h)"], "groups: found 'h', wanted one of the columns"),
         (["--formula", "y ~ b:c[ + (1|g)"], "formula 'y ~ b:c['"),
@@ -202,6 +204,10 @@ def test_tables_that_cannot_be_used(files, name, said, capsys):
         (["--formula", "y ~ x + (1|g)", "--twin"], "--twin: found '--formula'"),
         (["--formula", "y ~ x + (1|g)", "--condition", "c"], "--condition: found 'c'"),
         (["--weights", "w"], "--weights: found 'w', wanted --formula beside it"),
+        (["--offset", "w"], "--offset: found 'w', wanted --formula beside it"),
+        (["--formula", "y ~ x + (1|g)", "--offset", "v"], "offset: found 'v', wanted one of the columns"),
+        (["--formula", "y ~ x + offset(v) + (1|g)"], "offset(v): found 'v', wanted one of the columns"),
+        (["--formula", "y ~ np.ones(3) + (1|g)"], "np.ones(3): found 3 values, wanted one for each of the 160"),
         ([], "wanted also study, participant, condition"),
     ],
 )  # fmt: skip
@@ -259,6 +265,87 @@ def test_a_study_may_have_a_formula_of_ones_own(capsys):
 def test_one_condition_has_nothing_to_compare(capsys):
     assert run("simulated_study1", "--condition", "help+signal") == 2
     assert "factors that vary: found none (signal, robot_help)" in capsys.readouterr().err
+
+
+# -- what must not be silent -----------------------------------------------------------------------------
+def test_a_slip_of_the_pen_makes_no_category(tmp_path, capsys):
+    data = table().astype({"x": object})
+    data.loc[5, "x"] = "oops"
+    data.to_csv(tmp_path / "oops.csv", index=False)
+    assert run(tmp_path / "oops.csv", "--formula", "y ~ x + (1|g)") == 2
+    said = "oops.csv, line 7, column 'x': found 'oops', wanted a number, as in 159 of 160 rows; C(x) in the formula"
+    assert said in capsys.readouterr().err
+    # Where the column is not used, or is the groups', or is called a category, it may hold what it likes.
+    assert run(tmp_path / "oops.csv", "--formula", "y ~ b + (1|g)", "--quiet") == 0
+    data["w"] = data["w"].astype(object).where(data.index > 20, "three")
+    data.to_csv(tmp_path / "oops.csv", index=False)
+    assert run(tmp_path / "oops.csv", "--formula", "y ~ C(w) + (1|g)", "--json", "-", "--quiet") == 0
+    assert "C(w)[T.three]" in json.loads(capsys.readouterr().out)["params"]
+
+
+def test_a_separated_fit_has_no_number_where_there_is_no_estimate(files, capsys):
+    assert run(files / "separated.csv", "--formula", "y ~ b + x + (1|g)", "--json", "-") == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert found["params"]["b"] is None
+    assert found["unbounded"]["b"] == "infinity"
+    assert found["odds_ratios"]["b"]["estimate"] is None
+    assert found["profile"]["b"]["open"] == ["high"]
+    assert found["profile"]["b"]["low"] > 0
+    assert found["profile"]["b"]["high"] is None
+    assert found["marginal"]["b"]["probability"]["low"] is None
+    assert "probability 1 (no interval) against" in captured.err
+    assert "(1 to 1)" not in captured.err
+    assert "nan" not in captured.err.split("Averaged")[1]
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered in log")
+def test_rows_that_a_term_drops_are_not_called_missing(files, capsys):
+    formula = "y ~ b + np.log(x + 1) + (1|g)"
+    assert run(files / "missing.csv", "--formula", formula, "--json", "-", "--quiet") == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    lost = int((table()["x"][3:] + 1 < 0).sum())
+    assert lost > 0
+    assert found["dropped_by_terms"] == {"np.log(x + 1)": lost}
+    assert found["dropped"] == lost + 3
+    assert f"np.log(x + 1) is no number in {lost} of 160" in captured.err
+    assert "3 rows with missing values left out" in captured.err
+
+
+def test_offsets_by_option_and_in_the_formula(files, capsys):
+    found = []
+    for formula, options in (
+        ("y ~ b + (1|g)", ("--offset", "x")), ("y ~ b + offset(x) + (1|g)", ()), ("y ~ b + x + (1|g)", ()),
+    ):  # fmt: skip
+        assert run(files / "good.csv", "--formula", formula, *options, "--json", "-", "--quiet") == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["params"] == found[1]["params"]
+    assert found[0]["log_likelihood"] < found[2]["log_likelihood"]
+    assert list(found[0]["params"]) == ["Intercept", "b", "sd(g)"]
+    assert run(files / "good.csv", "--formula", "y ~ offset(x) + (1|g)", "--offset", "x") == 2
+    assert "offset: found offset(x) in the formula as well" in capsys.readouterr().err
+
+
+def test_a_random_slope_is_fitted_by_laplace(files, tmp_path, capsys):
+    out = tmp_path / "groups.csv"
+    arguments = ("--formula", "y ~ x + b + (1 + x|g)", "--nodes", "laplace", "--groups", out, "--json", "-")
+    assert run(files / "good.csv", *arguments) == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    fit = LogisticMixedModel.from_formula(arguments[1], table(), quadrature="laplace").fit(warn=False)
+    assert found["params"] == pytest.approx(fit.params.to_dict())
+    assert found["singular"] == fit.singular
+    assert list(pd.read_csv(out, index_col="g")) == ["Intercept", "x"]
+    assert "random slopes" in captured.err
+
+
+def test_a_folder_is_not_made_in_silence(files, tmp_path, capsys):
+    out = tmp_path / "new" / "fit.json"
+    assert run(files / "good.csv", "--formula", "y ~ b + (1|g)", "--json", out) == 0
+    assert f"Made the folder {out.parent} for {out}." in capsys.readouterr().out
+    assert run(files / "good.csv", "--formula", "y ~ b + (1|g)", "--json", out) == 0
+    assert "Made the folder" not in capsys.readouterr().out
 
 
 # -- groups --------------------------------------------------------------------------------------------

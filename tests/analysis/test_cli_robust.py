@@ -10,6 +10,7 @@ from analysis.next_studies import next_studies, published_studies
 from models.errors import InputError
 from models.model_draws import ModelDraws
 from models.model_files import write_model
+from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import solve_schedule
 from models.planning.policy_files import read_policy
@@ -49,6 +50,8 @@ def test_numbers_are_those_of_the_modules(fit, capsys):
     assert found["evpi"] == pytest.approx(own.mean - found["bayes_value"])
     assert found["optimal_values"]["mean"] == pytest.approx(own.mean)
     assert found["first_action_shares"] == pytest.approx(own.first_action_shares)
+    assert not found["evppi_enough"]
+    assert all(row["worth"] is None for name, row in found["evppi"].items())
     for key in ("plans", "evppi", "adaptivity", "mixture", "seconds", "compile_seconds"):
         assert key in found
     plan = found["plans"]["Bayes-adaptive"]
@@ -64,6 +67,41 @@ def test_regret_is_told_as_regret(fit, capsys, criterion, alpha):
     wanted = cautious_plan(schedule, alpha, reference=own_plans(schedule).values)
     assert found["value"] == pytest.approx(-wanted.lower)
     assert found["value"] >= 0
+
+
+def test_the_gain_over_never_helping_is_a_criterion(fit, capsys):
+    found = result_of(capsys, fit, "--schedule", "HRH", "--criterion", "gain-cvar", "--alpha", 0.3)
+    schedule = Schedule.of(ModelDraws.from_models(people(12, 3, seed=2)), "HRH")
+    nothing = evaluate_schedule(never(PUBLISHED), schedule).values
+    wanted = cautious_plan(schedule, 0.3, reference=nothing)
+    assert found["value"] == pytest.approx(wanted.lower, abs=1e-9)
+    assert found["value"] >= -1e-9  # never helping itself gains nothing
+    plans = found["plans"]
+    assert plans["cautious gain"]["gain"]["cvar"] == pytest.approx(wanted.lower, abs=1e-9)
+    assert max(p["gain"]["cvar"] for p in plans.values()) <= wanted.lower + 1e-9
+    assert min(p["cvar_regret"] for p in plans.values()) >= plans["cautious regret"]["cvar_regret"] - 1e-9
+
+
+def test_who_will_not_draw_lots(tmp_path, capsys):
+    fit = fit_file(tmp_path / "fit.nc", people(12, 3, seed=2))
+    options = (fit, "--schedule", "HRHR", "--criterion", "regret", "--cost-help", "6", "--cost-signal", "1")
+    lots, single = (result_of(capsys, *options, *more) for more in ((), ("--no-lots",)))
+    assert len(single["mixture"]) == 1
+    assert single["value"] >= lots["value"] - 1e-9
+    assert single["value"] == pytest.approx(-lots["without_lots"])
+    assert single["gap"] == pytest.approx(single["value"] - lots["value"], abs=1e-6)
+
+
+def test_every_decision_along_the_histories_is_told(fit, capsys):
+    found = result_of(capsys, fit, "--schedule", "HRHR")["stability"]
+    assert [row["event"] for row in found] == [1, 2, 2, 3, 3, 4, 4, 4, 4]
+    for row in found:
+        assert sum(row["shares"].values()) == pytest.approx(1)
+        assert min(row["losses"].values()) >= -1e-9
+    assert run("robust", fit, "--schedule", "HRHR") == 0
+    out = capsys.readouterr().out
+    assert "at each draw's own belief" in out
+    assert "Where it acts, by the responses before:" in out
 
 
 def test_the_chosen_plan_can_be_run(fit, tmp_path, capsys):
@@ -114,8 +152,9 @@ def test_weighted_models_in_a_file(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--criterion", "worst"], "one of bayes, cvar, regret, regret-cvar"),
-        (["--alpha", "0"], "alpha: found 0.0"),
+        (["--criterion", "worst"], "one of bayes, cvar, gain-cvar, regret, regret-cvar"),
+        (["--alpha", "0"], "--alpha: found 0.0, wanted a share of the draws above 0"),
+        (["--alpha", "nan"], "--alpha: found nan"),
         (["--alpha", "1.5"], "alpha: found 1.5"),
         (["--mean-share", "2", "--criterion", "cvar"], "share of the mean"),
         (["--schedule", "HXH"], "X"),

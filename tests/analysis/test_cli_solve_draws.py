@@ -68,6 +68,20 @@ def test_pool(models, capsys):
     assert found["mixtures"]["mean"]["mean"] == pytest.approx(found["controllers"][0]["mean"])
 
 
+def test_along_a_study(models, capsys):
+    found = result_of(capsys, models, "--along", "HRH")["along"]
+    assert found["schedule"] == "HRH"
+    assert [row["event"] for row in found["decisions"]] == [1, 2, 2, 3, 3]
+    for row in found["decisions"]:
+        shares = [v for k, v in row.items() if k in ("no_help", "help", "no_signal", "signal", "undecided")]
+        assert sum(shares) == pytest.approx(1)
+    for k in (1, 2, 3):
+        assert sum(r["probability"] for r in found["decisions"] if r["event"] == k) == pytest.approx(1)
+    assert "the draws are most divided at event" in found["sentence"]
+    assert run("solve-draws", models, "--along", "HRH") == 0
+    assert "the draws are most divided" in capsys.readouterr().out
+
+
 def test_words(models, capsys):
     assert run("solve-draws", models, "--pool") == 0
     text = capsys.readouterr().out
@@ -135,6 +149,9 @@ def test_draws_that_stay_open_are_told(models, capsys):
         (("--precision", "0"), "precision: found 0.0"),
         (("--draws", "0"), "--draws: found 0"),
         (("--alpha", "2"), "--alpha: found 2.0"),
+        (("--alpha", "0"), "--alpha: found 0.0"),
+        (("--along", "HXH"), "schedule 'HXH', letter 2"),
+        (("--precision", "nan"), "precision: found nan"),
         (("--mode-process", "sometimes"), "--mode-process: found 'sometimes'"),
         (("--start-mode", "Q"), "first mode: found 'Q'"),
         (("--cost", "dance=3"), "cost of dance"),

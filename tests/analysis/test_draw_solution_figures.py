@@ -3,12 +3,23 @@
 import numpy as np
 import pytest
 
-from analysis.figures.draw_solutions import active_share, stability_map, stability_walk, value_distribution
+from analysis.figures.draw_solutions import (
+    active_share,
+    stability_along,
+    stability_map,
+    stability_walk,
+    value_distribution,
+)
 from analysis.figures.style import to_svg
+from models.errors import InputError
+from models.planning.baselines import never
+from models.protocol import PUBLISHED
 from models.robust.belief_stability import belief_stability, edge_walk
 from models.robust.candidates import posterior_mean
 from models.robust.controller_pool import controller_pool
+from models.robust.history_stability import history_stability
 from models.robust.named_controllers import baseline_controllers
+from models.robust.wider_solution import widened
 from models.unseen import without_actions
 from tests.models.robust.endless_cases import solved
 
@@ -20,14 +31,32 @@ def pool():
 
 
 def test_map_has_a_triangle_for_every_face_and_mode():
-    three = stability_map(solved(), points=4)
-    four = stability_map(solved(6, 4), points=3)
-    five = stability_map(solved(4, 5), points=3)
+    three = stability_map(widened(solved()), points=4)
+    four = stability_map(widened(solved(6, 4)), points=3)
+    five = stability_map(widened(solved(4, 5)), points=3)
     panels = [sum(ax.get_label() != "<colorbar>" for ax in f.axes) for f in (three, four, five)]
     assert panels == [2, 8, 2]
     words = {t.get_text() for ax in four.axes for t in ax.texts}
     assert {"s0 non", "s3 high"} <= words
-    assert to_svg(three) == to_svg(stability_map(solved(), points=4))
+    assert to_svg(three) == to_svg(stability_map(widened(solved()), points=4))
+
+
+@pytest.mark.parametrize("draw", [stability_map, stability_walk])
+def test_solutions_from_the_start_only_are_refused(draw):
+    with pytest.raises(InputError, match="widened"):
+        draw(solved())
+
+
+def test_a_dot_for_every_history():
+    found = history_stability(widened(solved()), "HRHR", never(PUBLISHED))
+    ax = stability_along(found)
+    dots = [len(c.get_offsets()) for c in ax.collections]
+    assert sorted(dots) == sorted(len(e.histories) for e in found.events)
+    for e, x, y in zip(found.events[::2], *ax.lines[0].get_data(), strict=True):
+        p = e.probability / e.probability.sum()
+        assert x == e.event + 1
+        assert y == pytest.approx(p @ active_share(e.stability, "no_signal"))
+    assert [t.get_text() for t in ax.get_xticklabels()] == ["1\nH", "2\nR", "3\nH", "4\nR"]
 
 
 def test_active_share_splits_undecided_draws():
@@ -38,7 +67,7 @@ def test_active_share_splits_undecided_draws():
 
 
 def test_walk_shows_shares_and_losses():
-    s = solved()
+    s = widened(solved())
     figure = stability_walk(s, points=5)
     walk = edge_walk(3, 5)
     for x, (above, below) in enumerate(zip(figure.axes[:2], figure.axes[2:], strict=True)):
@@ -58,14 +87,14 @@ def test_modes_without_a_choice_are_not_drawn():
     from models.planning.batch import solve_draws
 
     s = solved(4)
-    one = solve_draws(replace(s.batch, draws=without_actions(s.batch.draws, ["signal"])))
+    one = widened(solve_draws(replace(s.batch, draws=without_actions(s.batch.draws, ["signal"]))))
     assert len(stability_walk(one, points=3).axes) == 2
 
 
 def test_distribution(pool):
     ax = value_distribution(pool)
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels[0] == f"optimum of each draw\n(upper bound): {pool.ceiling:.4g}"
+    assert labels[0] == f"optimum of each draw, upper bound: {pool.ceiling:.4g}"
     assert labels[1] == f"{pool.names[pool.best]} (best in the mean): {pool.means[pool.best]:.4g}"
     assert any(label.startswith("never") for label in labels)
     curve = ax.lines[0]

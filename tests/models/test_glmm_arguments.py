@@ -216,7 +216,12 @@ def test_new_rows_need_an_offset_where_the_model_has_one(data, fit):
     own = marginal_probabilities(result)
     assert own.iloc[:6].to_numpy() == pytest.approx(by_name.to_numpy())
     zero = marginal_probabilities(result, rows, offset=0)
-    assert zero["probability"].to_numpy() == pytest.approx(result.predict(rows).to_numpy())
+    assert zero["probability"].to_numpy() == pytest.approx(result.predict(rows, offset=0).to_numpy())
+    for ask in (result.predict, result.get_prediction):
+        with pytest.raises(InputError, match=r"wanted that of the new rows \(0 for none\)"):
+            ask(rows)
+    with pytest.raises(InputError, match=r"wanted that of the new rows \(0 for none\)"):
+        result.model.predict(result.params, result.model.exog[:2])
     assert marginal_probabilities(fit, rows)["probability"].to_numpy() == pytest.approx(
         fit.predict(rows).to_numpy()
     )

@@ -62,7 +62,7 @@ REFUSED = {
         "help ~ signal + (1 + signal|person)",
         lambda d: d,
         {},
-        r"wanted a random intercept: \(1\|person",
+        r"wanted .laplace., by name",
     ),
     "two random terms": ("help ~ (1|person) + (1|place)", lambda d: d, {}, r"more than one random term"),
     "no tilde": ("help", lambda d: d, {}, r"outcome ~ covariates"),

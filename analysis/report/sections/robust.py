@@ -13,9 +13,11 @@ from analysis.next_studies import Asked, published_studies
 from analysis.policy_study import STUDY2
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.report.sections.robust_endless import endless_blocks
 from analysis.robust_study import RobustStudy, robust_study
 from analysis.wording import counted
 from models.planning.schedule import Schedule
+from models.robust.cautious import acting_words
 from models.unseen import evidence_of_actions, unseen_actions, without_actions
 
 ALPHA = 0.1
@@ -29,6 +31,10 @@ QUICK_DRAWS, QUICK_REPLICATES = 200, 20
 
 PLANS = ("Bayes-adaptive", "cautious", "plug-in estimate", "never", "always")
 """Plans whose values are drawn over the draws."""
+
+WRITTEN_OUT = ("Bayes-adaptive", "cautious", "cautious regret", "minimax regret")
+MOST_WRITTEN = 3
+"""Plans that are written out event by event, and how many of a mixture."""
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -88,6 +94,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     blocks += _prices(context, study, k)
     blocks += _caution(context, study, k)
     blocks += _information(context, study, k)
+    blocks += endless_blocks(context, draws, k)
     if quick:
         blocks.append(
             Text(f"Quick: {draws.n_draws} draws and {QUICK_REPLICATES} simulated data sets a study.", "note")
@@ -119,20 +126,31 @@ def _sure(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ..
 
 def _prices(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
     frame = study.prices.table
-    shown = {
+    values = {
         "name": "plan", "mean": "mean", "held_out_mean": "mean, held out", "cvar": f"worst {ALPHA:.0%}",
-        "worst": "worst draw", "mean_regret": "mean regret", "max_regret": "largest regret",
-        "gain_mean": "gain over never", "gain_q05": "from", "gain_q95": "to", "gain_probability": "P(gain > 0)",
+        "held_out_cvar": f"worst {ALPHA:.0%}, held out", "worst": "worst draw",
     }  # fmt: skip
-    formats = {c: ",.1f" for c in shown if c not in ("name", "gain_probability")} | {"gain_probability": ".2f"}
+    compared = {
+        "name": "plan", "gain_mean": "gain over never", "gain_q05": "from", "gain_q95": "to",
+        "gain_probability": "P(gain > 0)", "gain_cvar": f"gain, worst {ALPHA:.0%}", "mean_regret": "mean regret",
+        "cvar_regret": f"regret, worst {ALPHA:.0%}", "max_regret": "largest regret",
+    }  # fmt: skip
     about = "; ".join(f"{p.name}: {p.about}" for p in study.prices.prices)
-    table = Table(
-        f"robust-plans-{k}", pd.DataFrame(frame[list(shown)]),
-        "Plans under doubt. Held out: chosen on one half of the draws and scored on the other, so that a plan does "
-        "not profit from the draws it was chosen with. Gain: over never helping in the same draw, with the range "
-        f"of the middle 90% of the draws. {about[0].upper()}{about[1:]}.",
-        (context.origin,), headings=shown, formats=formats,
-    )  # fmt: skip
+    tables = [
+        Table(
+            f"robust-{key}-{k}", pd.DataFrame(frame[list(shown)]), caption, (context.origin,), headings=shown,
+            formats={c: ".2f" if c == "gain_probability" else ",.1f" for c in shown if c != "name"},
+        )
+        for key, shown, caption in (
+            ("plans", values,
+             "What plans are worth under doubt. Held out: chosen on one half of the draws and scored on the "
+             "other, so that a plan does not profit from the draws it was chosen with. "
+             f"{about[0].upper()}{about[1:]}."),
+            ("regrets", compared,
+             "The same plans draw by draw. Gain: over never helping in the same draw, with the range of the middle "
+             "90% of the draws. Regret: against the best plan for the draw, were it known."),
+        )
+    ]  # fmt: skip
     best = study.prices["Bayes-adaptive"]
     figure = Figure(
         f"robust-comparison-{k}", (partial(plan_comparison, study.prices),),
@@ -144,7 +162,22 @@ def _prices(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, 
         f"Listening to responses is worth {study.adaptivity:.3g} over the best fixed sequence of actions; learning "
         f"which draw it faces at most {study.learning:.3g}, over the best plan found for one model."
     )
-    return Text(study.prices.sentence), Text(listening), figure, table
+    return Text(study.prices.sentence), Text(listening), figure, *tables, _what_they_do(study)
+
+
+def _what_they_do(study: RobustStudy) -> Points:
+    """Plans and mixtures of plans, where they act."""
+    said = []
+    for name in WRITTEN_OUT:
+        chosen = study.prices[name].chosen
+        mixed = sorted(zip(chosen.plans, chosen.share, strict=True), key=lambda x: -x[1])[:MOST_WRITTEN]
+        for plan, share in mixed:
+            often = "" if len(chosen.plans) == 1 else f", in {share:.0%} of the cases"
+            said.append(spoken(f"{name}{often}: {' · '.join(acting_words(study.schedule, plan))}"))
+    return Points(
+        tuple(said),
+        "Where the plans act, by the responses before (a mixture draws one plan before the first event)",
+    )
 
 
 def _caution(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
@@ -175,10 +208,24 @@ def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Bl
         "simulated data sets. The line above is what perfect knowledge would be worth.",
         (" ".join(rows),), (context.origin,),
     )  # fmt: skip
+    shown = {
+        "study": "study", "people": "people", "worth": "worth", "se": "standard error", "held_out": "held out",
+        "effective": "effective draws",
+    }  # fmt: skip
+    told = [row for sample in study.samples for row in sample.told]
+    table = Table(
+        f"robust-next-{k}", pd.DataFrame([{c: getattr(row, c) for c in shown} for row in told]),
+        "What further people would be worth, in reward units a person served, for the largest study of each kind "
+        "that these draws can tell of. Held out: for plans scored on draws that did not choose them, if anything "
+        "too low. Effective draws: how many are left after such data.",
+        (context.origin,), headings=shown,
+        formats={"people": ",d", "worth": ".2f", "se": ".2f", "held_out": ".2f", "effective": ",.0f"},
+    )  # fmt: skip
     return (
         Text(study.perfect.sentence),
         Text(study.partial.sentence),
         bars,
-        Points(tuple(rows), "Further studies"),
+        *(Text(s.sentence) for s in study.samples),
+        table,
         curves,
     )

@@ -156,6 +156,7 @@ def test_progress_counts_every_draw(batch):
     ({"precision": 0.0}, "precision: found 0.0, wanted a number above 0"),
     ({"precision": np.nan}, "precision: found nan"),
     ({"threads": 0}, "threads: found 0, wanted at least 1"),
+    ({"memory_limit": 0}, "memory limit: found 0, wanted above 0 bytes"),
 ])  # fmt: skip
 def test_settings_that_make_no_sense(batch, options, words):
     with pytest.raises(InputError, match=words):
@@ -168,9 +169,9 @@ def test_without_discount_there_is_no_optimum(batch):
 
 
 def test_whoever_stops_need_not_wait_for_the_others(monkeypatch):
-    def patient(problem, precision, *, time_limit, progress):
+    def patient(problem, precision, *, progress, **limits):
         if problem.name == "draw 0":
-            return solve(problem, precision, time_limit=time_limit, progress=progress)
+            return solve(problem, precision, progress=progress, **limits)
         for _ in range(200):
             time.sleep(0.1)
             progress(None)
@@ -204,6 +205,48 @@ def test_rows_that_nearly_sum_to_one(batch):
     for d in (0, 3):
         np.testing.assert_allclose(some.arrays(d).value, arrays_of(some._draw(d)).value, rtol=1e-14)
         np.testing.assert_allclose(some.arrays(d).value.sum(), batch.arrays(d).value.sum(), rtol=1e-13)
+
+
+def test_memory_is_kept_to(batch, monkeypatch):
+    """Whatever the number of threads; what does not fit is solved on its own, within the same limit."""
+    few = LatentBatch(batch.draws.thin(6), batch.process, 0.9)
+    wide = solve_draws(few, 1e-3, threads=1)
+    rooms, limits = [], []
+    plain, alone = planning_batch.new_run, planning_batch.solve
+
+    def new_run(problem, points, vectors):
+        rooms.append(points * planning_batch.point_bytes(problem))
+        return plain(problem, points, vectors)
+
+    def solved(problem, precision, **options):
+        limits.append(options["memory_limit"])
+        return alone(problem, precision, **options)
+
+    monkeypatch.setattr(planning_batch, "new_run", new_run)
+    monkeypatch.setattr(planning_batch, "solve", solved)
+    for limit in (150_000, 20_000_000):
+        one, two = (solve_draws(few, 1e-3, threads=n, memory_limit=limit, time_limit=0.3) for n in (1, 2))
+        assert max(rooms) <= limit
+        for some in (one, two):
+            assert (some.lower <= wide.upper + 1e-9).all()
+            assert (wide.lower <= some.upper + 1e-9).all()
+        assert set(limits) == ({limit} if limit < 1_000_000 else set())
+        limits.clear()
+    np.testing.assert_array_equal(one.lower, two.lower)
+    np.testing.assert_array_equal(one.upper, two.upper)
+
+
+def test_what_counts_as_at_least_goes_by_what_a_draw_can_come_to(batch):
+    """One draw is certain to begin, and to stay, in its lowest state; the others are not."""
+    draws = batch.draws.thin(3)
+    initial, transition = draws.initial.copy(), draws.transition.copy()
+    initial[1] = np.eye(initial.shape[1])[0]
+    transition[1] = np.eye(initial.shape[1])
+    some = LatentBatch(replace(draws, initial=initial, transition=transition), batch.process, 0.9)
+    wanted = [some.problem(d).least_size for d in range(3)]
+    np.testing.assert_array_equal(some.least_size, wanted)
+    assert some.least_size[1] < some.least_size[0] == some.least_size[2]
+    assert [some.arrays(d).least for d in range(3)] == wanted
 
 
 @pytest.mark.slow

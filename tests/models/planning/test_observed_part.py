@@ -1,9 +1,13 @@
 """An observed part found in problems that declare none: the same values, and policies for the problem as given."""
 
+import time
+
 import numpy as np
 import pytest
+from scipy import sparse
 
 from models.planning import solver
+from models.planning.arrays import arrays_of
 from models.planning.formats.end_state import flat
 from models.planning.observed_part import observed_part
 from models.planning.problem import Problem
@@ -12,6 +16,7 @@ from models.planning.solver import solve
 from models.planning.textbook import textbook_problem
 from tests.planning_cases import CASES, dense_problem, latent_case, modal_problem
 from tests.reference import planning_numpy as reference
+from tests.reference.planning_blocks import block_problem
 
 
 def from_one_mode(problem: Problem) -> Problem:
@@ -25,9 +30,9 @@ def test_tag_again():
     """Folded into one mode, the robot's cell is found again; the start alone is not told."""
     whole = flat(standard_problem("tag"), hide_start=True)
     part = observed_part(whole)
-    assert part.problem.modes[-1] == "start"
+    assert block_problem(part).modes[part.start_mode] == "start"
     # Where both are in one cell it is seen too; the cell alone is 29 blocks.
-    assert part.problem.n_modes - 1 >= 29
+    assert len(part.members) - 1 >= 29
     assert max(len(m) for m in part.members[:-1]) <= 30
     assert sorted(np.concatenate(part.members[:-1])) == list(range(whole.n_states))
 
@@ -43,9 +48,52 @@ def test_values_are_the_same_step_by_step(name):
     def leaf(_, w):
         return w.sum(axis=1) * 3.0
 
-    assert reference.tree_value(part.problem, 4, leaf) == pytest.approx(
+    assert reference.tree_value(block_problem(part), 4, leaf) == pytest.approx(
         reference.tree_value(whole, 4, leaf), rel=1e-12
     )
+
+
+def expanded(arrays):
+    """Every branch with an emission of its own, as `arrays_of` has it; otherwise branches share them."""
+    out, place = [], 0
+    for b, seen in enumerate(arrays.branch_seen):
+        rows = np.arange(seen, seen + arrays.mode_size[arrays.branch_mode[b]] + 1)
+        start = arrays.seen_start[rows]
+        kept = slice(start[0], start[-1])
+        out.append((place, start - start[0], arrays.seen_outcome[kept], arrays.seen_value[kept]))
+        place += len(rows)
+    return out
+
+
+@pytest.mark.parametrize("make", [
+    *(lambda n=n: flat(from_one_mode(CASES[n])) for n in sorted(CASES)),
+    lambda: flat(standard_problem("tag"), hide_start=True), lambda: flat(standard_problem("rock_sample_4_4")),
+    lambda: grid_world(3), lambda: grid_world(4),
+])  # fmt: skip
+def test_arrays_are_those_of_the_problem_put_together_matrix_by_matrix(make):
+    part = observed_part(make())
+    if part is None:
+        return
+    other = arrays_of(block_problem(part))
+    for name in part.arrays._fields:
+        if name not in ("branch_seen", "seen_start", "seen_outcome", "seen_value", "span", "largest", "least"):
+            ours, theirs = getattr(part.arrays, name), getattr(other, name)
+            np.testing.assert_array_equal(ours, theirs, err_msg=name, strict=name != "discount")
+    for ours, theirs in zip(expanded(part.arrays), expanded(other), strict=True):
+        for one, two in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(one, two)
+    for name in ("span", "largest"):
+        assert getattr(part.arrays, name) == getattr(other, name)
+
+
+def grid_world(seed, n=60):
+    """A place that is seen, but for some noise within rows, and something hidden; the start is spread."""
+    rng = np.random.default_rng(seed)
+    t = np.where(rng.random((3, n, n)) < 0.1, rng.random((3, n, n)), 0) + np.eye(n)
+    seen = np.zeros((3, n, 24))
+    for s in range(n):
+        seen[:, s, 2 * (s // 5) : 2 * (s // 5) + 2] = rng.dirichlet(np.ones(2))
+    return textbook_problem(t / t.sum(axis=2, keepdims=True), seen, rng.normal(size=(3, n)), 0.9)
 
 
 @pytest.mark.parametrize("make", [
@@ -73,14 +121,32 @@ def test_solved_with_and_without(make, monkeypatch):
     assert with_part.policy.value(belief, whole.modes[0]) >= with_part.lower - 1e-8
 
 
+def test_thousands_of_states_take_no_time():
+    """100 blocks of 50, 28,000 pairs of a block, an action and a block."""
+    n, rng = 5000, np.random.default_rng(0)
+    rows = np.repeat(np.arange(n), 3)
+    tables, seen = [], []
+    for a in range(6):
+        to = (rows + rng.integers(1, 50, len(rows))) % n
+        table = sparse.coo_array((rng.random(len(rows)), (rows, to)), shape=(n, n)).tocsr()
+        tables.append(sparse.csr_array(sparse.diags_array(1 / np.asarray(table.sum(axis=1)).ravel()) @ table))
+        shown = (np.ones(n), (np.arange(n), (np.arange(n) * 7 + a) % 100))
+        seen.append(sparse.csr_array(sparse.coo_array(shown, shape=(n, 100))))
+    problem = textbook_problem(tables, seen, rng.normal(size=(6, n)), 0.99, np.eye(n)[0])
+    began = time.process_time()
+    part = observed_part(problem)
+    assert time.process_time() - began < 1.0
+    assert part.arrays.mode_size.tolist() == [50] * 100
+    assert len(part.arrays.branch_mode) > 20_000
+
+
 def test_nothing_to_be_found():
     assert observed_part(dense_problem(1, 6)) is None
     assert observed_part(standard_problem("tiger")) is None
     # Everything observed: one state a block, and a start that is known needs no mode of its own.
     t = np.random.default_rng(0).dirichlet(np.ones(5), size=(2, 5))
     seen = observed_part(textbook_problem(t, [np.eye(5)] * 2, np.zeros((2, 5)), 0.9, [0, 0, 1.0, 0, 0]))
-    assert seen.problem.n_modes == 5
-    assert seen.problem.n_states == 1
+    assert seen.arrays.mode_size.tolist() == [1] * 5
 
 
 def test_states_that_are_never_reached_join_nothing():

@@ -145,3 +145,85 @@ def test_gives_up_for_want_of_memory():
     assert not done
     assert trials.exhausted
     assert trials.full
+
+
+def deepest(tree, i, size, points):
+    """How far below the plane of the corners given points put a belief, by the formula."""
+    others = tree.belief[tree.point_node[points], :size]
+    ratio = np.where(others > 0, tree.belief[i, :size] / np.where(others > 0, others, 1.0), 1.0)
+    return min(0.0, (np.minimum(ratio.min(axis=1), 1.0) * tree.point_depth[points]).min(initial=0.0))
+
+
+@pytest.mark.parametrize("name", sorted(CASES))
+def test_no_point_says_what_others_say(name):
+    problem = CASES[name]
+    trials, _, _ = search(problem, 1e-9, steps=10)
+    tree, arrays = trials.tree, trials.problem
+    for i in range(trials.beliefs):
+        look_down(tree, i, int(arrays.mode_size[tree.mode[i]]))
+    tidy_points(tree, arrays)
+    n = int(tree.counts[1])
+    nodes = tree.point_node[:n]
+    assert len(np.unique(nodes)) == n
+    assert sorted(np.flatnonzero(tree.point_of[: trials.beliefs] >= 0)) == sorted(nodes)
+    slack = 1e-11 * arrays.largest
+    for j in np.unique(np.linspace(0, n - 1, 40).astype(int)):
+        i = int(nodes[j])
+        assert tree.point_of[i] == j
+        size = int(arrays.mode_size[tree.mode[i]])
+        others = np.flatnonzero((np.arange(n) != j) & (tree.mode[nodes] == tree.mode[i]))
+        assert deepest(tree, i, size, others) >= tree.point_depth[j] - slack
+        # What a node is known to be worth at most, points say too, its own among them.
+        said = tree.corner[tree.mode[i], :size] @ tree.belief[i, :size] + tree.point_depth[j]
+        assert tree.upper[i] <= said + slack
+
+
+def test_a_point_is_added_once():
+    problem = dense_problem(0, 3)
+    arrays = arrays_of(problem)
+    tree = empty_tree(arrays, 50, np.full((1, 3), 10.0), np.full(arrays.reward.shape, 100.0))
+    middle = node_of(tree, arrays, 0, np.array([0.5, 0.5, 0.0]))
+    for upper, points, depth in ((6.0, 1, -4.0), (6.0, 1, -4.0), (5.0, 2, -5.0), (5.0, 2, -5.0)):
+        tree.upper[middle] = upper
+        add_point(tree, arrays, middle)
+        assert tree.counts[1] == points
+        assert tree.point_depth[tree.point_of[middle]] == depth
+    tidy_points(tree, arrays)
+    assert tree.counts[1] == 1
+    # Another belief, of which the first says enough, and then one that says more of the first than itself.
+    beside = node_of(tree, arrays, 0, np.array([0.4, 0.4, 0.2]))
+    look_down(tree, beside, 3)
+    assert tree.upper[beside] == pytest.approx(10 - 0.8 * 5)
+    add_point(tree, arrays, beside)
+    assert tree.counts[1] == 1
+    tree.upper[beside] = 3.0
+    add_point(tree, arrays, beside)
+    look_down(tree, middle, 3)
+    assert tree.upper[middle] == pytest.approx(
+        5.0
+    )  # its own is deeper there: the other says nothing beyond its face
+    edge = node_of(tree, arrays, 0, np.array([0.45, 0.55, 0.0]))
+    tree.upper[edge] = 0.0
+    add_point(tree, arrays, edge)
+    look_down(tree, middle, 3)
+    assert tree.upper[middle] == pytest.approx(10 - 10 * 0.5 / 0.55)
+    assert tree.point_of[middle] == -1
+    tidy_points(tree, arrays)
+    assert sorted(tree.point_node[: tree.counts[1]]) == sorted([beside, edge])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_trials_end_where_there_is_no_room(seed):
+    """A trial that cannot go on says so, rather than being tried for ever."""
+    arrays = arrays_of(sparse_problem(seed, 40))
+    trials = TrialSearch(arrays, *start_arrays(sparse_problem(seed, 40)), 10**9)
+    tree = trials.tree
+    left = 0
+    while tree.counts[0] < len(tree.mode) - 4:  # all but taken
+        belief = np.random.default_rng(left).dirichlet(np.ones(40))
+        node_of(tree, arrays, 0, belief)
+        left += 1
+    before = int(tree.counts[3])
+    trials.step(1e-9, True)
+    assert len(trials.tree.mode) > len(tree.mode)
+    assert int(trials.tree.counts[3]) - before < 1000

@@ -169,7 +169,7 @@ def test_refusals():
 def test_histories_by_filtering():
     s = solved()
     draws = s.batch.draws
-    found = history_stability(s, "HRHH", Reciprocal(PUBLISHED))
+    found = history_stability(s, "HRHH", Reciprocal(PUBLISHED)).events
     assert [len(e.histories) for e in found] == [1, 2, 2, 4]
     last = found[3]
     assert last.histories[2] == ("no_signal: help", "help", "no_signal: no_help")
@@ -190,6 +190,17 @@ def test_histories_by_filtering():
     for e in found:
         assert e.probability.sum() == pytest.approx(1)
         assert sum(e.mean_shares.values()) == pytest.approx(1)
+    whole = history_stability(s, "HRHH", Reciprocal(PUBLISHED))
+    assert whole.letters == "HRHH"
+    assert len(whole.rows()) == sum(len(e.histories) for e in found)
+    assert whole.table["event"].tolist() == [1, 2, 3, 4]
+    event, g = whole.most_divided
+    least = min(
+        e.stability.leaning[i].max() for e in found for i in range(len(e.histories)) if e.probability[i] >= 0.01
+    )
+    assert event.stability.leaning[g].max() == least
+    assert f"event {event.event + 1} ({event.stability.mode})" in whole.sentence
+    assert "each draw's own belief" in whole.sentence
     rows = last.rows()
     assert rows[2]["history"] == "no_signal: help, help, no_signal: no_help"
     assert rows[2]["loss of signal"] >= 0
@@ -198,10 +209,10 @@ def test_histories_by_filtering():
 def test_one_belief_for_all_draws():
     s = solved()
     tracker = s.batch.draws.model(5)
-    found = history_stability(s, "HRH", never(PUBLISHED), tracker=tracker)
+    found = history_stability(s, "HRH", never(PUBLISHED), tracker=tracker).events
     b = tracker.update(tracker.update(tracker.initial, "no_signal", "help"), "no_help")
     np.testing.assert_allclose(found[2].stability.beliefs[1], b, rtol=1e-12)
-    own = history_stability(s, "HRH", never(PUBLISHED))
+    own = history_stability(s, "HRH", never(PUBLISHED)).events
     np.testing.assert_allclose(found[2].probability, own[2].probability)
     np.testing.assert_allclose(own[2].stability.beliefs[5, 1], b, rtol=1e-12)
 
@@ -212,12 +223,12 @@ def test_impossible_histories_are_left_out():
     sure = np.zeros_like(d.emission)
     sure[..., 1] = 1.0
     batch = LatentBatch(replace(d, emission=sure), s.batch.process, 0.9)
-    found = history_stability(solve_draws(batch, 1e-2), "HRHRH", never(PUBLISHED))
+    found = history_stability(solve_draws(batch, 1e-2), "HRHRH", never(PUBLISHED)).events
     assert [len(e.histories) for e in found] == [1] * 5
     # Impossible in one draw only: there it has no weight.
     sure[3:] = d.emission[3:]
     batch = LatentBatch(replace(d, emission=sure), s.batch.process, 0.9)
-    found = history_stability(solve_draws(batch, 1e-2), "HR", never(PUBLISHED))
+    found = history_stability(solve_draws(batch, 1e-2), "HR", never(PUBLISHED)).events
     assert found[1].stability.beliefs[0, 0] == pytest.approx(np.full(3, 1 / 3))
 
 

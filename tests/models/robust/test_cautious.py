@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from models.errors import InputError
 from models.planning.exact import solve_schedule
 from models.planning.schedule import Schedule
-from models.robust.cautious import cautious_plan
+from models.robust.cautious import acting_words, cautious_plan
 from models.robust.own_plans import own_plans
 from models.robust.risk import RiskSet, cvar
 from tests.models.planning.schedule_cases import schedules
@@ -136,6 +136,28 @@ def test_cvar_is_the_mean_of_the_tail_by_weight():
 def test_criteria_that_are_none(alpha, mean_share, match):
     with pytest.raises(InputError, match=match):
         cautious_plan(Schedule.of(sticky_draws(2, 1), "H"), alpha, mean_share=mean_share)
+
+
+def test_without_lots_the_bound_stays():
+    schedule = Schedule.of(sticky_draws(9, 3), "HRHR")
+    reference = own_plans(schedule).values
+    mixed = cautious_plan(schedule, 0.0, reference=reference)
+    single = mixed.without_lots()
+    assert single.deterministic
+    assert single.lower == mixed.best_single()[1] <= mixed.lower + 1e-12
+    assert single.upper == mixed.upper
+    assert single.lower == pytest.approx((single.values - reference).min())
+    assert single.gap >= 0
+
+
+def test_words_where_a_plan_acts():
+    schedule = Schedule.of(sticky_draws(2, 1), "HRH")
+    idle = tuple(np.zeros(n, dtype=np.int8) for n in (1, 2, 2))
+    assert acting_words(schedule, idle) == ["never acts"]
+    helps = (idle[0], np.array([1, 0], dtype=np.int8), idle[2])
+    (words,) = acting_words(schedule, helps)
+    assert words.startswith("event 2 (R) ")
+    assert "after (no_help)" in words
 
 
 def test_weights_that_are_none():

@@ -80,6 +80,20 @@ def test_worth_is_proportional_to_weights(schedule, factor):
     assert many.optima(factor * weights).values == pytest.approx(factor * many.optima(weights).values, **CLOSE)
 
 
+@pytest.mark.parametrize(("seed", "parts"), [(3, 2), (4, 3), (5, 1)])
+def test_plans_chosen_without_a_part(seed, parts):
+    schedule = Schedule.of(contested(seed, 6), "HRHR")
+    rng = np.random.default_rng(seed)
+    weights = rng.gamma(0.3, size=(40, 6))
+    part, left_out = np.arange(6) % parts, rng.integers(parts, size=40)
+    many = ManyWeights(schedule)
+    found = many.crossed(weights, part, left_out)
+    assert found.values == pytest.approx(many.optima(weights).values)
+    mine = left_out[:, None] == part
+    wanted = many.optima(np.where(mine, 0.0, weights), np.where(mine, weights, 0.0))
+    assert found.scored == pytest.approx(wanted.scored)
+
+
 def test_bad_weights():
     many = ManyWeights(Schedule.of(contested(1, 2), "HR"))
     assert many.optima(np.zeros((0, 2))).values.shape == (0,)

@@ -40,7 +40,7 @@ def crossed(seed, helps=2, others=2, copies=1):
 @pytest.mark.parametrize("seed", range(8))
 def test_few_values_of_a_block_are_known_exactly(seed):
     """A block with two values puts the draws into two cells: the value of being told which one."""
-    draws, group = crossed(seed, 2, 3, copies=8)
+    draws, group = crossed(seed, 2, 3, copies=20)
     schedule = Schedule.of(draws, "RHRH")
     row = partial_information(schedule, ["transition[help]"]).rows[0]
     few, few_group = crossed(seed, 2, 3)

@@ -1,0 +1,1 @@
+"""The token game as people play it in a browser: server, sessions, log, page."""

@@ -1,0 +1,347 @@
+"""Section: study 2 in the token game, its tests beside the printed ones, and how often its conclusions come out."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from analysis.evidence import Evidence
+from analysis.figures.study2 import claim_shares, four_panels, printed_in_place
+from analysis.printed_anova import MEASURES
+from analysis.printed_study2 import anova_beside, comparisons_beside, implied_sentence
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.report.sections.plan import known_truth
+from analysis.report.stored import stored
+from analysis.study2 import Study2, run_study2
+from analysis.study2_analysis import Study2Analysis, analyse
+from analysis.study2_claims import as_printed
+from analysis.study2_evidence import game_settings
+from analysis.study2_outcomes import BELIEF, CUMULATIVE, OBSERVED, OUTCOMES, TEAM, by_round, means, relative_to
+from analysis.study2_policies import LS_POMDP, MORE, NEVER, PAPER, Learned, make_policies
+from analysis.wording import counted
+from models.unseen import evidence_of_actions, unseen_actions
+
+SIMULATED = (Origin.SIMULATED,)
+BESIDE = (Origin.SIMULATED, Origin.PRINTED)
+
+PAPER_STATES = 4
+
+SHORT = ("tokens a round", "tokens in all", "believed state", "observed help")
+"""The outcomes in narrow columns, in their order: one value a person."""
+
+CAUTIONS = (
+    "These people are drawn from a model with states. That a policy does well with them says nothing about people "
+    "who do not follow such a model.",
+    "The truth was calibrated to study 1's printed statistics, and nothing to study 2's. Where the paper's "
+    "conclusions do not come out, this truth, the game's unprinted rules or the paper may be the reason.",
+    "Tokens come from the game: a person or robot that stays trapped collects none. The reward that policies are "
+    "planned with counts states and costs, not tokens, so more tokens are not more reward.",
+    "A conclusion that comes out in most studies is one that such a study would find, not one that is true.",
+)
+
+KINDS = {"em": "learned from a study 1", "truth": "truth known"}
+
+
+def make(context: ReportContext) -> tuple[Block, ...]:
+    """One simulated study beside the printed one, then stored replicates."""
+    if not context.is_published_protocol:
+        raise NotSupported(f"the game plays the published rounds, and these are of {context.protocol.name!r}")
+    study = context.published["study2"]
+    intro = (
+        f"Study 2 put {study['participants']} people under {len(study['policies'])} policies for {study['rounds']} "
+        f"rounds ({study['sequence']}; H: the human may help). Here it is run again with SIMULATED people, in a "
+        "token game made from the paper's description. In each round the robot acts on what it believes, the "
+        "person's hidden state moves by a known truth, willingness to help is drawn from that state, and the round "
+        "is played; what the robot sees is whether the person came."
+    )
+    one = attempt("one simulated study", partial(_one, context))
+    again = stored("study2", partial(_evidence, context), "replicates of study 2")
+    return (
+        Text(intro),
+        Text(implied_sentence(context.published)),
+        Part("One simulated study", "study2-one", one),
+        Part("How often do the paper's conclusions come out?", "study2-again", again),
+        Points(CAUTIONS, "What not to conclude"),
+    )
+
+
+# -- one study -------------------------------------------------------------------------------------
+def _one(context: ReportContext) -> tuple[Block, ...]:
+    truth = known_truth(context)
+    if truth is None:
+        raise NotSupported("people can be simulated where the truth behind the data is known, and here it is not")
+    fits = context.study.fits
+    k = PAPER_STATES if PAPER_STATES in fits else context.study.best_by_bic
+    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
+    if k == 1 or unseen:
+        raise NotSupported(
+            "a robot that believes in one state never acts" if k == 1
+            else f"the data say nothing about {', '.join(unseen)}, which policies of the study do"
+        )  # fmt: skip
+    posterior = context.posterior(k)
+    words = f"the Baum-Welch estimate with {counted(k, 'state')} on the people of this report"
+    notes = () if posterior.gate.passed else (posterior.gate.sentence,)
+    learned = Learned(fits[k].model, posterior.draws(), words, notes)
+    made = make_policies(learned, PAPER + MORE)
+    each = context.published["study2"]["participants"] // len(PAPER)
+    everybody = run_study2(made, truth, learned, each * len(made.policies), seed=context.seed)
+    study = as_printed(everybody)
+    found = analyse(study)
+    blocks: list[Block] = [
+        Text(
+            f"The robot's model is {words}, with its posterior for the planners that reckon with doubt; people "
+            f"follow the truth behind them. {counted(each, 'person', 'people')} a policy, seed {context.seed}. "
+            f"Tests are of the paper's {len(PAPER)} policies."
+        )
+    ]
+    blocks += [Text(note, "warning") for note in everybody.notes]
+    if everybody.missed:
+        blocks.append(
+            Text(f"{counted(everybody.missed, 'willing person', 'willing people')} came too late to help.", "note")
+        )
+    blocks.append(_panels("study2-panels", study, PAPER, "the paper's policies"))
+    blocks += [Text(_swings(study)), *(Text(sentence) for sentence in found.sentences)]
+    blocks += [_means(everybody), *_beside(context, found), *_help(found)]
+    more = (LS_POMDP, NEVER, *MORE)
+    blocks.append(_panels("study2-panels-more", everybody, more, "planners that the paper did not have"))
+    return tuple(blocks)
+
+
+def _panels(key: str, study: Study2, policies: tuple[str, ...], whose: str) -> Figure:
+    panels, alt = [], []
+    for outcome, title in (
+        (TEAM, "Team performance"), (CUMULATIVE, "Cumulative tokens, less never"),
+        (BELIEF, "Believed state"), (OBSERVED, "Observed help"),
+    ):  # fmt: skip
+        own = OUTCOMES[outcome]
+        table = relative_to(study, outcome) if outcome == CUMULATIVE else by_round(study, outcome)
+        table = table[table["policy"].isin(policies)]
+        table = table.assign(policy=pd.Categorical(table["policy"], policies)).sort_values(["policy", "round"])
+        label = "tokens so far, less never" if outcome == CUMULATIVE else own.unit
+        panels.append((title, label, table.astype({"policy": str})))
+        last = table[table["round"] == table["round"].max()]
+        told = ", ".join(f"{r.policy} {r.mean:.3g}" for r in last.itertuples())
+        alt.append(f"{title} in the last round: {told}.")
+    return Figure(
+        key, (partial(four_panels, tuple(panels), study.letters),),
+        f"Outcomes over the rounds, {whose}: means with 95% intervals (t; Wilson for observed help; cumulative "
+        "tokens as differences from never, Welch, as the paper draws them). Believed state: expected index of the "
+        "state by the robot's belief after the round, 0 the least prosocial.",
+        (" ".join(alt),), SIMULATED,
+    )  # fmt: skip
+
+
+def _swings(study: Study2) -> str:
+    """How far beliefs move from round to round, beside the people they are about."""
+    index = np.arange(study.truth.n_states)
+    own = study.of(LS_POMDP)
+    true = np.array(
+        [(study.state[own, k + 1][:, None] == index).mean(axis=0) @ index for k in range(study.n_rounds)]
+    )
+    believed = study.believed_state[own].mean(axis=0)
+    moved, real = (float(np.abs(np.diff(path)).mean()) for path in (believed, true))
+    text = (
+        f"Under {LS_POMDP} the mean belief moves by {moved:.2f} states from one round to the next, people's true "
+        f"mean state by {real:.2f}."
+    )
+    if moved > 2 * real:
+        text += (
+            " Beliefs that swing are the doing of learned tables in which each action sends people to states of "
+            "its own, and not of people. A rise of such a belief is no rise of prosociality."
+        )
+    return text
+
+
+def _means(study: Study2) -> Table:
+    table = means(study)
+    names = dict(zip(OUTCOMES, SHORT, strict=True)) | {
+        "top_state_probability": "P(most prosocial)", "costly_actions": "costly actions", "reward": "reward"
+    }  # fmt: skip
+    wide = table.pivot_table(index="policy", columns="outcome", values="mean").loc[
+        list(study.policies), list(names)
+    ]
+    formats = {TEAM: ".2f", CUMULATIVE: ".1f", BELIEF: ".2f", "top_state_probability": ".2f", OBSERVED: ".3f",
+               "costly_actions": ".2f", "reward": ",.1f"}  # fmt: skip
+    return Table(
+        "study2-means", wide.reset_index(),
+        "Means over the people of each policy: believed state and probability over all rounds, reward by the true "
+        "states and the published reward, summed over the rounds.",
+        SIMULATED, headings=names, formats=formats,
+    )  # fmt: skip
+
+
+def _beside(context: ReportContext, found: Study2Analysis) -> tuple[Block, ...]:
+    frame = anova_beside(found, context.published)
+    df2 = int(frame["df2"].iloc[0])
+    anova = Table(
+        "study2-anova", frame[["outcome", "effect", "simulated_f", "simulated_p", "printed_f", "printed_p"]],
+        "Mixed analyses of variance, first against last round that measures the outcome: simulated beside printed. "
+        f"A printed p of 0 stands for p < .001; the paper tests no beliefs. Residual degrees of freedom: {df2}.",
+        BESIDE, row_headings=2, printed=("printed_f", "printed_p"),
+        headings={"simulated_f": "F", "simulated_p": "p", "printed_f": "F", "printed_p": "p"},
+        formats={"simulated_f": ",.2f", "simulated_p": ".2g", "printed_f": ",.2f", "printed_p": ".4g"},
+        groups=(("", 2), ("simulated", 2), ("printed", 2)),
+    )  # fmt: skip
+    pairs = comparisons_beside(found, context.published)
+    told = dict(zip((f.what for f in found.tukey.values()), SHORT, strict=False))
+    pairs = pairs.assign(outcome=pairs["outcome"].replace(told))
+    heads = {
+        "simulated_difference": "difference", "simulated_low": "from", "simulated_high": "to",
+        "simulated_p": "p, Tukey", "simulated_dunnett": "p, Dunnett", "printed_difference": "difference",
+        "printed_p": "p, Tukey",
+    }  # fmt: skip
+    compared = Table(
+        "study2-tukey", pairs,
+        f"Mean under each policy less mean under {found.reference}, one value a person: simulated beside printed. "
+        "Intervals are Tukey's, for all pairs together.",
+        BESIDE, row_headings=2, printed=("printed_difference", "printed_p"), headings=heads,
+        formats={c: ".2g" if "_p" in c or "dunnett" in c else "+.3f" for c in heads},
+        groups=(("", 2), ("simulated", 5), ("printed", 2)),
+    )  # fmt: skip
+    return anova, compared
+
+
+def _help(found: Study2Analysis) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    model = found.help_model
+    if model is not None:
+        blocks.append(Text(model.sentence))
+        blocks += [Text(note, "note") for note in model.notes]
+        odds = model.odds
+        blocks.append(
+            Table(
+                "study2-odds", odds,
+                f"Observed help, logistic mixed model of all responses: odds under a policy over those under "
+                f"{model.reference}, for the same person half-way through the study, and how much faster they grow "
+                "from first to last round. 95% Wald intervals.", SIMULATED,
+                headings={"odds_ratio": "odds ratio", "low": "from", "high": "to", "growth": "growth",
+                          "growth_low": "from", "growth_high": "to"},
+                formats=dict.fromkeys(odds.columns.drop("policy"), ".3g"),
+            )
+        )  # fmt: skip
+    if found.twin is not None:
+        blocks.append(
+            Table(
+                "study2-logistic", found.twin.table[["effect", "chi_squared", "df", "p"]],
+                f"{found.twin.title}, first and last round that shows a response: the test beside the analysis of "
+                "variance of observed help.", SIMULATED, headings={"chi_squared": "χ²"},
+                formats={"chi_squared": ".2f", "df": "d", "p": ".2g"},
+            )
+        )  # fmt: skip
+        blocks += [Text(note, "note") for note in found.twin.notes]
+    return tuple(blocks)
+
+
+# -- stored replicates -----------------------------------------------------------------------------
+def _evidence(context: ReportContext, found: Evidence) -> tuple[Block, ...]:
+    content = found.content
+    rows = pd.DataFrame(content["claims"])
+    settings = content["settings"]
+    blocks: list[Block] = []
+    if content["game"] != game_settings():
+        blocks.append(
+            Text("The game's map or settings have changed since: these numbers are of another game.", "warning")
+        )
+    for kind in settings:
+        own = rows[rows["learning"] == kind]
+        told = "; ".join(
+            f"{r.text}: {r.share:.1%}" for r in own[own["whole"] & (own["planner"] == LS_POMDP)].itertuples()
+        )
+        blocks.append(
+            Figure(
+                f"study2-claims-{kind}", (partial(claim_shares, own, title=f"Robot: {KINDS[kind]}. Planner:"),),
+                f"Share of {settings[kind]['replicates']:,} simulated studies that lead to each conclusion of the "
+                f"paper (bold) and to its parts; robot: {KINDS[kind]}. Each planner takes the place of the paper's "
+                "own among its four other policies. Intervals are 95%"
+                + (f", over {settings[kind]['worlds']} studies 1." if kind == "em" else "."),
+                (f"{LS_POMDP}: {told}.",), BESIDE,
+            )
+        )  # fmt: skip
+    blocks.append(_shares(rows, settings))
+    blocks.append(_policy_means(pd.DataFrame(content["means"])))
+    numbers = pd.DataFrame(content["numbers"])
+    blocks += [Text(_outside(numbers)), _in_place(numbers)]
+    return tuple(blocks)
+
+
+def _shares(rows: pd.DataFrame, settings: dict[str, dict[str, object]]) -> Table:
+    own = rows[rows["planner"] == LS_POMDP]
+    wide = own.pivot_table(index="claim", columns="learning", values="share")
+    first = own.drop_duplicates("claim").set_index("claim")
+    name = [r.name.upper() if r.whole else r.name for r in first.reset_index().itertuples(index=False)]
+    frame = wide.loc[first.index, list(settings)].assign(conclusion=name, paper=first["printed"])
+    return Table(
+        "study2-claims-table", frame[["conclusion", *settings, "paper"]].reset_index(drop=True),
+        f"Share of simulated studies that lead to each conclusion (capitals) and to its parts, {LS_POMDP} the "
+        "planner, and whether the paper's own study does.", BESIDE, printed=("paper",),
+        headings={**{k: KINDS[k] for k in settings}, "paper": "paper's study"},
+        formats=dict.fromkeys(settings, ".1%"),
+    )  # fmt: skip
+
+
+def _policy_means(rows: pd.DataFrame) -> Table:
+    measures = {TEAM: "tokens a round", OBSERVED: "observed help", BELIEF: "believed state",
+                "costly_actions": "costly actions", "reward": "reward"}  # fmt: skip
+    wide = rows.pivot_table(index=["learning", "policy"], columns="measure", values="mean")[list(measures)]
+    order = rows[["learning", "policy"]].drop_duplicates()
+    frame = wide.loc[list(order.itertuples(index=False, name=None))].reset_index()
+    return Table(
+        "study2-policies", frame.assign(learning=frame["learning"].map(KINDS)),
+        "Means over all simulated people, by what the robot knew. Reward: by the true states and the published "
+        "reward, summed over the rounds.", SIMULATED, row_headings=2, headings={"learning": "robot", **measures},
+        formats={TEAM: ".2f", OBSERVED: ".3f", BELIEF: ".2f", "costly_actions": ".2f", "reward": ",.1f"},
+    )  # fmt: skip
+
+
+def _outside(rows: pd.DataFrame) -> str:
+    """Which printed numbers hardly any simulated study has, whatever the robot knows."""
+    off: dict[str, dict[str, str]] = {}
+    for kind in KINDS:
+        own = rows[(rows["planner"] == LS_POMDP) & (rows["learning"] == kind)]
+        sides = {
+            r.number: "below" if r.printed < r.q05 else "above"
+            for r in own.itertuples()
+            if r.printed < r.q05 or r.printed > r.q95
+        }
+        off[kind] = sides
+    both = {n: side for n, side in off["em"].items() if off["truth"].get(n) == side}
+    named = "; ".join(f"{_spoken(n)} ({side})" for n, side in both.items())
+    total = len(rows["number"].unique())
+    counts = " and ".join(f"{len(off[kind])} ({words})" for kind, words in KINDS.items())
+    return (
+        f"Of the {total} printed numbers, {counts} lie outside the middle 90% of simulated studies; in both, on "
+        f"the same side: {named or 'none'}."
+    )
+
+
+def _spoken(number: str) -> str:
+    for key, name in MEASURES.items():
+        number = number.replace(key, name)
+    return number
+
+
+def _in_place(rows: pd.DataFrame) -> Figure:
+    own = rows[rows["planner"] == LS_POMDP]
+    own = own.assign(learning=own["learning"].map(KINDS))
+    panels, alt = [], []
+    for start, xlabel, log in (
+        ("F ", "F of the mixed analysis of variance", True),
+        (f"difference {TEAM}, ", f"tokens a round less {LS_POMDP}", False),
+        (f"difference {OBSERVED}, ", f"observed help less {LS_POMDP}", False),
+    ):
+        part = own[own["number"].str.startswith(start)]
+        part = part.assign(label=[_spoken(n.removeprefix(start)) for n in part["number"]])
+        panels.append(partial(printed_in_place, part, xlabel=xlabel, log=log))
+        told = "; ".join(
+            f"{r.label}: printed {r.printed:g}, simulated ({r.learning}) {r.q05:.3g} to {r.q95:.3g}"
+            for r in part.itertuples()
+        )
+        alt.append(f"{xlabel}. {told}.")
+    return Figure(
+        "study2-printed", tuple(panels),
+        "Every number that the paper prints (stars) beside its distribution over simulated studies: median, middle "
+        "half (thick) and middle 90% (thin).", tuple(alt), BESIDE,
+    )  # fmt: skip

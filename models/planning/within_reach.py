@@ -1,0 +1,52 @@
+"""Rewards of states that cannot be come to: kept out of the work on a problem, and put back into its vectors.
+
+An upper bound that begins at the highest reward for ever, and a tolerance that goes by the largest value, would
+carry a number of any size into values that it has nothing to do with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.planning.arrays import ProblemArrays
+from models.planning.problem import Problem
+from models.planning.reachable import reachable_states
+from models.planning.vectors import Vectors, evaluate_closed
+
+WORK = 3e8
+"""Multiplications that values beyond reach are worth."""
+
+
+def within_reach(arrays: ProblemArrays, problem: Problem) -> tuple[ProblemArrays, bool]:
+    """Arrays whose rewards are all between those that the problem can pay, and whether any had to be changed.
+
+    Values of beliefs that the problem can come to are the same: what leads out of its reach cannot be met.
+    """
+    lowest, highest, _ = problem.stakes
+    own = np.arange(arrays.reward.shape[1]) < np.repeat(arrays.mode_size, np.diff(arrays.mode_choice))[:, None]
+    tamed = np.where(own, np.clip(arrays.reward, lowest, highest), 0.0)
+    if (tamed == arrays.reward).all():
+        return arrays, False
+    return arrays._replace(reward=tamed), True
+
+
+def beyond_reach(problem: Problem, arrays: ProblemArrays, vectors: Vectors) -> None:
+    """Value a policy graph anew in the states that the problem cannot come to, with the rewards they have.
+
+    Parameters
+    ----------
+    problem : Problem
+    arrays : ProblemArrays
+        With all rewards as they are.
+    vectors : Vectors
+        Changed in place: worth what they say within reach, anything elsewhere.
+    """
+    n = int(vectors.counts[0])
+    before = vectors.alpha[:n].copy()
+    lowest = float(arrays.reward.min()) / (1 - arrays.discount)
+    vectors.alpha[:n] = lowest
+    sweeps = int(min(1000.0, max(10.0, WORK / (n * (1.0 + len(arrays.value) + len(arrays.seen_value))))))
+    evaluate_closed(arrays, vectors, 0, 1e-9 * abs(lowest), sweeps)
+    for x, met in enumerate(reachable_states(problem)):
+        of_mode = np.flatnonzero(vectors.mode[:n] == x)
+        vectors.alpha[np.ix_(of_mode, np.flatnonzero(met))] = before[np.ix_(of_mode, np.flatnonzero(met))]

@@ -1,0 +1,63 @@
+"""A study of short rounds, and a browser."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from analysis.play.settings import PlaySettings
+from analysis.play.study import Study
+from models.game.parameters import GameParameters
+from models.planning.baselines import Reciprocal, always, never
+from models.protocol import PUBLISHED
+
+SHORT = GameParameters(
+    round_ticks=150,
+    trap_tick=10,
+    human_step_ticks=2,
+    robot_step_ticks=1,
+    human_notice_ticks=1,
+    human_notice_spread=0,
+)  # fmt: skip
+
+
+@pytest.fixture
+def settings():
+    """Three rounds of 150 ticks that last a moment; the robot answers help with help."""
+    return PlaySettings(
+        (Reciprocal(PUBLISHED),), "HRH", parameters=SHORT, study="test", countdown=0.0, tick_seconds=0.001
+    )
+
+
+@pytest.fixture
+def two_policies(settings):
+    return settings.with_(policies=(always(PUBLISHED), never(PUBLISHED)))
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """Opens studies, and closes them at the end."""
+    studies = []
+
+    def make(settings, name="log.csv"):
+        studies.append(Study(settings, tmp_path / name))
+        return studies[-1]
+
+    yield make
+    for study in studies:
+        study.close()
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium of the system, without a window."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next((p for p in ("chromium", "chromium-browser", "google-chrome") if shutil.which(p)), None)
+    if found is None:
+        pytest.skip("no chromium on this machine: the page cannot be tried in a browser")
+    options = ["--no-sandbox"] if sys.platform == "linux" else []
+    with sync_api.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=str(Path(shutil.which(found))), args=options)
+        yield running
+        running.close()

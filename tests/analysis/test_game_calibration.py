@@ -1,0 +1,103 @@
+"""The game beside the paper's numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis import game_calibration as calibration
+from analysis.game_study import PlayedStudy, play_study1
+from analysis.simulate import calibrated_truth, simulate_study1
+from models.errors import InputError
+from models.game.rounds import RoundOutcomes
+from models.inference import smoothed
+from models.lspomdp import LatentStatePOMDP
+
+PEOPLE = 200
+
+
+@pytest.fixture(scope="module")
+def played():
+    return play_study1(participants=PEOPLE, seed=3)
+
+
+def test_scores_are_weighted_means(played):
+    log, truth = played.log, calibrated_truth()
+    weight, tokens = smoothed(truth, log), log.tokens["team_tokens"]
+    scores = calibration.state_scores(truth, log)
+    for s in range(4):
+        assert scores[s] == pytest.approx(
+            sum(w * t for w, t in zip(weight[:, s], tokens, strict=True)) / sum(weight[:, s]), rel=1e-12
+        )
+    one = LatentStatePOMDP(
+        np.ones(1), np.ones((4, 1, 1)), truth.emission.mean(axis=1, keepdims=True), truth.protocol
+    )
+    assert calibration.state_scores(one, log) == pytest.approx([tokens.mean()])
+
+
+def test_scores_want_tokens(played):
+    with pytest.raises(InputError, match=r"simulated_study1.*team_tokens"):
+        calibration.state_scores(calibrated_truth(), simulate_study1(participants=20))
+    gone = {"team_tokens": np.where(np.arange(played.log.n_events) == 3, np.nan, 1.0)}
+    with pytest.raises(InputError, match="the team's tokens at every event"):
+        calibration.state_scores(calibrated_truth(), replace(played.log, tokens=gone))
+
+
+def test_interruptions_by_hand(played):
+    # Rounds: free, free, helping, signalling, signalling, trapped in silence.
+    named, acts = np.array([0, 0, 0, 1, 1, 1], np.int8), np.array([0, 0, 1, 1, 1, 0], bool)
+    robot, ticks = np.array([30, 32, 28, 20, 10, 0], np.int32), np.array([0, 0, 70, 100, 300, 900], np.int32)
+    nothing = np.zeros(6, np.int32)
+    rounds = RoundOutcomes(named, acts, acts, nothing, robot, nothing, nothing, ticks, nothing)
+    study = PlayedStudy(played.log, acts, rounds)
+    assert calibration.interruptions(study) == (7.0, 3.0, 20.0, 16.0)
+    with pytest.raises(InputError, match="no round with the robot helping"):
+        calibration.interruptions(PlayedStudy(played.log, acts, rounds.some((named == 1) | ~acts)))
+
+
+def test_calibration_beside_print():
+    found = calibration.calibrate_game(studies=3, participants=PEOPLE, seed=2)
+    again = calibration.calibrate_game(studies=3, participants=PEOPLE, seed=2, threads=1)
+    assert found.table.equals(again.table)
+    table = found.table.set_index(["quantity", "unit"])
+    assert table["printed"].tolist() == [45, 48, 56, 67, 15, 15, 15, 15]
+    assert (table["difference"] == table["measured"] - table["printed"]).all()
+    assert table["se"].to_numpy() == pytest.approx(table["sd"].to_numpy() / np.sqrt(3))
+    assert found.tolerance == table["difference"].iloc[:4].abs().max()
+    assert found.unseen == 0
+    assert "3 simulated studies of 200 people" in found.sentence
+    assert "came too late" not in found.sentence
+
+
+def test_the_default_game_is_near_the_printed_one():
+    # What the defaults were chosen for: states in the printed order, within 9 tokens, around the printed mean, 54.
+    found = calibration.calibrate_game(studies=2, seed=5)
+    x = found.scores
+    assert (np.diff(x) > 0).all()
+    assert found.tolerance < 9
+    assert abs(x.mean() - 54) < 1
+    # The trap recolours at 20 s at the earliest, so even freeing everybody against nobody does not span 67/45.
+    assert found.freed / found.not_freed < 67 / 45
+    assert "out of reach" in found.sentence
+
+
+def test_another_smoother_has_no_printed_scores():
+    truth = calibrated_truth()
+    one = LatentStatePOMDP(
+        np.ones(1), np.ones((4, 1, 1)), truth.emission.mean(axis=1, keepdims=True), truth.protocol
+    )
+    found = calibration.calibrate_game(smoother=one, studies=2, participants=40)
+    assert found.table["printed"].isna().tolist() == [True, False, False, False, False]
+    assert "nan" not in found.sentence
+
+
+def test_too_few_studies():
+    with pytest.raises(InputError, match="calibration of the game, studies: found 1, wanted at least 2"):
+        calibration.calibrate_game(studies=1)
+
+
+def test_settings_are_compared():
+    found = calibration.compare_settings([600, 1100], [5], studies=2)
+    assert found["round_ticks"].tolist() == [1100, 600]
+    assert found["rms"].is_monotonic_increasing
+    assert (found["span"] == found["x_s3"] / found["x_s0"]).all()

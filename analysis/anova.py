@@ -177,6 +177,7 @@ def mixed_anova(data: RepeatedMeasures, ss_type: int = 3, level: float = LEVEL) 
     form = sphericity(error_within, df_error)
     rows = []
     for name, (ss, df1, ss_error, df2) in squares.items():
+        ss = max(0.0, ss)  # cells that differ by nothing leave rounding, which may be negative
         f = (ss / df1) / (ss_error / df2)
         gg, hf = (
             np.nan if name == data.between else float(special.fdtrc(df1 * eps, df2 * eps, f))

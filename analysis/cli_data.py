@@ -165,7 +165,7 @@ def import_command(
 
 @simulate.callback()
 def simulate_group() -> None:
-    """Keep `study1` a subcommand although it is the only one."""
+    """Simulated studies."""
 
 
 @simulate.command("study1")

@@ -25,6 +25,7 @@ from analysis.report.sections import (
     study,
     uncertainty,
 )
+from analysis.report.sections import study2 as study2_section
 
 Make = Callable[[ReportContext], tuple[Block, ...]]
 
@@ -63,6 +64,7 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("reward", "The reward", reward.make),
     Entry("plan", "What the robot should do", plan.make),
     Entry("robust", "What the robot should do, given the doubt", robust.make),
+    Entry("study2", "Study 2, run again in the game", study2_section.make),
     Entry("evidence", "Can the method be trusted?", evidence.make),
     Entry("limits", "What this does not show", limits.make),
 )

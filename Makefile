@@ -28,6 +28,7 @@ evidence: env ## Make anew the stored evidence, calibration and recovery (an hou
 	$(BIN)/prosocial coverage --studies 500 --out reports/evidence/mixed_model.json
 	$(BIN)/prosocial power mixed-model --out reports/evidence/power_mixed_model.json
 	$(BIN)/prosocial power contraction --out reports/evidence/power_contraction.json
+	$(BIN)/prosocial replicate game --out reports/evidence/game.json
 	$(BIN)/prosocial replicate study2 --out reports/evidence/study2.json
 	$(BIN)/prosocial replicate plans --replicates 200 --out reports/evidence/plans_in_truth.json
 

@@ -37,7 +37,8 @@ class LogisticTwin:
     ----------
     table : DataFrame
         One row an effect: ``effect, chi_squared, df, p``, and ``full, restricted``: the terms of the two models;
-        NaN where the search for the maximum of one of them did not end.
+        NaN where the search for the maximum of one of them did not end, and where cells with one outcome leave
+        nothing to test.
     sd : float
         Standard deviation of the intercepts in the model with all effects, on the logit scale.
     notes : tuple of str
@@ -92,19 +93,48 @@ def logistic_twin(data: RepeatedMeasures, ss_type: int = 3) -> LogisticTwin:
     pairs[both] = (every, (between, within))
     wanted = dict.fromkeys((every, *(model for pair in pairs.values() for model in pair)))
     fits = {model: _fit(data, [np.ones((n * m, 1)), *(terms[t] for t in model)]) for model in wanted}
-    rows = []
+    rows, free = [], []
     for effect, (large, small) in pairs.items():
         full, restricted = fits[large], fits[small]
         df = full.model.exog.shape[1] - restricted.model.exog.shape[1]
         lr = p = np.nan
-        if full.comparable and restricted.comparable:
+        if _is_free(full, restricted):
+            free.append(effect)
+        elif full.comparable and restricted.comparable:
             lr, p, df = full.compare_lr_test(restricted)
         told = {"full": " + ".join(large), "restricted": " + ".join(small)}
         rows.append({"effect": effect, "chi_squared": lr, "df": df, "p": p, **told})
     notes = _notes(data, fits)
     if ss_type == 3 and not fits[every].comparable:
         notes += ("Tests of the main effects of Type II do without the model of all effects.",)
+    if free:
+        notes += (
+            f"No test of {' or '.join(free)}: both models predict the same cells perfectly and come to the same on "
+            "the others, whatever happened there. That is no evidence of no effect.",
+        )
     return LogisticTwin(pd.DataFrame(rows), float(fits[every].sd), notes, ss_type)
+
+
+def _is_free(full: Any, restricted: Any) -> bool:
+    """Whether coefficients that run to infinity meet what the restricted model asks, whatever the outcomes.
+
+    So it is where both models predict the same rows perfectly, and on the others span the same space: infinities of
+    opposite sign add up to anything.
+    """
+    left = _not_predicted(full)
+    if left.all() or not np.array_equal(left, _not_predicted(restricted)):
+        return False
+    ranks = [np.linalg.matrix_rank(fit.model.exog[left]) if left.any() else 0 for fit in (full, restricted)]
+    return bool(ranks[0] == ranks[1])
+
+
+def _not_predicted(fit: Any) -> NDArray[np.bool_]:
+    """Rows of a fit that its covariates do not predict perfectly."""
+    separation, model = fit.escape.separation, fit.model
+    if separation is None:
+        return np.ones(len(model.exog), bool)
+    known = model.patterns.design[~separation.left]
+    return np.array([not (known == row).all(axis=1).any() for row in model.exog], bool)
 
 
 def _notes(data: RepeatedMeasures, fits: Mapping[tuple[str, ...], Any]) -> tuple[str, ...]:
@@ -114,7 +144,7 @@ def _notes(data: RepeatedMeasures, fits: Mapping[tuple[str, ...], Any]) -> tuple
     if flat:
         notes.append(
             f"Only one value of {data.dv} in {'; '.join(flat)}: an effect that needs such a cell has no finite "
-            "estimate, though it has a test."
+            "estimate, though it may have a test."
         )
     told: dict[str, list[str]] = {}
     for model, fit in fits.items():

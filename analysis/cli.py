@@ -34,6 +34,7 @@ def build() -> typer.Typer:
         cli_data,
         cli_em,
         cli_fits,
+        cli_game,
         cli_glmm,
         cli_plan,
         cli_play,
@@ -75,6 +76,7 @@ def build() -> typer.Typer:
     cli_data.simulate.command("study2")(cli_study2.simulate_study2_command)
     app.command("play")(cli_play.play_command)
     app.add_typer(cli_power.power, name="power")
+    cli_replicate.replicate.command("game")(cli_game.replicate_game_command)
     cli_replicate.replicate.command("study2")(cli_study2.replicate_study2_command)
     app.add_typer(cli_replicate.replicate, name="replicate")
     app.command("report")(cli_report.report_command)

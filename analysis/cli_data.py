@@ -176,6 +176,12 @@ def study1_command(
         str | None,
         typer.Option(metavar="MODEL", help="Model file of the truth; the calibrated one by default."),
     ] = None,
+    game: Annotated[
+        bool,
+        typer.Option(
+            "--game", help="Play every round in the token game: adds tokens; a response is what was seen."
+        ),
+    ] = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -191,12 +197,21 @@ def study1_command(
     report = Report(json, quiet)
     distinct_files({"--out": out, "--truth": truth, "--json": json})
     check_output("--out", out)
-    log = simulate_study1(None if truth is None else read_model(truth), participants, seed)
+    people = None if truth is None else read_model(truth)
+    where, told = "", ""
+    if game:
+        from analysis.game_study import play_study1
+
+        played = play_study1(people, participants, seed)
+        log, where, told = played.log, " in the token game", f". {played.rounds.sentence}"
+    else:
+        log = simulate_study1(people, participants, seed)
     write_events(log, out)
-    report.say(f"{out}: {_sizes(*_counts(log).values())}; simulated, seed {seed}")
+    report.say(f"{out}: {_sizes(*_counts(log).values())}; simulated{where}, seed {seed}{told}")
     report.finish(
         {"out": out, "participants": log.n_participants, "events": log.n_events, "seed": seed,
-         "truth": truth or "calibrated_truth", "conditions": log.conditions}
+         "truth": truth or "calibrated_truth", "conditions": log.conditions, "game": game,
+         "mean_tokens": {name: float(values.mean()) for name, values in sorted(log.tokens.items())}}
     )  # fmt: skip
 
 

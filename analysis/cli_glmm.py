@@ -114,7 +114,6 @@ def _formula(
     )
     from analysis.regression_data import response_table
     from analysis.study_selection import select
-    from analysis.wording import counted
     from models.errors import InputError
     from models.glmm_slope import LogisticSlopeModel
 
@@ -135,14 +134,14 @@ def _formula(
         if groups is not None:
             write_output("--groups", groups, fit.random_effects.to_csv().encode())
         _warn(fit)
+        _left_out(fit.model)
         plain = {"data": data, "kind": kind, "formula": formula, "seed": seed, "groups_file": groups}
         report.finish({**slopes_dict(fit), **plain})
         return
     report.say(as_text(fit, marginal_contrasts(fit)))
     hangs = _groups(report, fit, groups)
     _warn(fit)
-    if empty := fit.model.n_dropped - sum(fit.model.dropped_by_terms.values()):
-        _tell(f"{counted(empty, 'row')} with missing values left out")
+    _left_out(fit.model)
     report.finish({"data": data, "kind": kind, "formula": formula, "seed": seed, **as_dict(fit), **hangs})
 
 
@@ -244,6 +243,14 @@ def _warn(fit: Any) -> None:
     """Notes of a fit, by the name of their warning."""
     for note in fit.notes:
         _tell(f"{note.category.__name__}: {note.text}")
+
+
+def _left_out(model: Any) -> None:
+    """Rows with missing values."""
+    from analysis.wording import counted
+
+    if empty := model.n_dropped - sum(model.dropped_by_terms.values()):
+        _tell(f"{counted(empty, 'row')} with missing values left out")
 
 
 def _tell(text: str) -> None:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 DEFAULT_LOG = "play.csv"
 
+PREPARING = "preparing the game and the robot's policies; the first time on a machine this may take some minutes"
+
 
 def play_command(
     policy: Annotated[
@@ -76,14 +78,7 @@ def play_command(
 
     Example: prosocial play --policy ls-POMDP --policy never --out study.csv
     """
-    from analysis.play.run import address_of, check_installed, is_loopback, listen, serve, warm_up
-
-    check_installed()
-    from analysis.play.robot_mind import policy_by_name
-    from analysis.play.settings import PlaySettings
-    from analysis.play.study import Study
-    from analysis.simulate import CALIBRATED_TRUTH
-    from models.model_files import read_model
+    from analysis.play.log_lock import LogLock
 
     report = Report(json, quiet)
     check_output("--out", out)
@@ -94,7 +89,24 @@ def play_command(
         raise located(f"--consent {consent}", Phrase("nothing"), "a text")
     if site is not None:
         _check_site(site)
-    taken = listen(host, port)
+    # First of all, since compiling the game and solving the policies may take minutes.
+    lock = LogLock(out)
+    try:
+        report.say(PREPARING)
+        sys.stdout.flush()
+        from analysis.play.run import address_of, check_installed, is_loopback, reserve, serve, warm_up
+
+        check_installed()
+        from analysis.play.robot_mind import policy_by_name
+        from analysis.play.settings import PlaySettings
+        from analysis.play.study import Study
+        from analysis.simulate import CALIBRATED_TRUTH
+        from models.model_files import read_model
+
+        taken = reserve(host, port)
+    except BaseException:
+        lock.close()
+        raise
     try:
         model = read_model(CALIBRATED_TRUTH if learned is None else learned)
         policies = []
@@ -108,9 +120,10 @@ def play_command(
             withdrawal=withdrawal, layout=_map(layout), parameters=_parameters(parameters), countdown=countdown,
         )  # fmt: skip
         warm_up(settings)
-        running = Study(settings, out)
+        running = Study(settings, out, lock)
     except BaseException:
         taken.close()
+        lock.close()
         raise
     address = address_of(taken, host)
     started = running.summary
@@ -139,12 +152,17 @@ def play_command(
     serve(running, taken, host, site, ready)
     ended = running.summary
     report.say(
-        f"\n{out}: {counted(ended['rounds'] - started['rounds'], 'round')} played; in all "
+        f"\n{out}: {counted(running.played, 'round')} played; in all "
         f"{counted(ended['rounds'], 'round')} of {counted(ended['people'], 'person', 'people')}, "
         f"{ended['finished']} finished, {ended['withdrawn']} withdrew"
     )
+    if ended["untrapped"] or ended["too_late"]:
+        report.say(
+            f"note: nobody got trapped in {counted(ended['untrapped'], 'round')}, and in "
+            f"{ended['too_late']} there was no time left to help; the log says what people saw (data/README.md)"
+        )
     report.finish(
-        {**ended, "address": address, "site": site, "study": study, "schedule": schedule,
+        {**ended, "played": running.played, "address": address, "site": site, "study": study, "schedule": schedule,
          "policies": settings.policy_names, "learned": learned or "calibrated_truth", "withdrawal": withdrawal,
          "map": settings.layout.name, "parameters": settings.parameters.to_dict(), "seed": seed}
     )  # fmt: skip

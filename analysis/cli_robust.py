@@ -53,9 +53,9 @@ def robust_command(
         typer.Option(help="bayes (mean), cvar, gain-cvar (over never helping), regret (the largest), regret-cvar."),
     ] = "bayes",
     alpha: Annotated[float, typer.Option(help="Share of the draws that cautious criteria look at.")] = 0.1,
-    mean_share: Annotated[float, typer.Option(help="With cvar: share of the plain mean in the criterion.")] = 0.0,
+    mean_share: Annotated[float, typer.Option(help="With cvar only: share of the plain mean in it.")] = 0.0,
     no_lots: Annotated[
-        bool, typer.Option("--no-lots", help="The best single plan found, instead of drawing one of several.")
+        bool, typer.Option("--no-lots", help="The best single plan found; drawing one of several may be better.")
     ] = False,
     frontier: Annotated[
         bool, typer.Option("--frontier", help="Ten levels of caution, also at costs where decisions flip.")
@@ -137,14 +137,14 @@ def _lines(study: RobustStudy) -> list[str]:
     """What is shown to a person."""
     chosen = study.chosen
     out = [study.sentence[0].upper() + study.sentence[1:], ""]
-    sure = "certified" if chosen.certified else "not certified: drawing lots may gain so much at most"
-    out.append(
-        f"Best {study.criterion_words}: {study.value:.6g} (gap {chosen.gap:.2g}, {sure}), mean {chosen.mean:.6g}."
-    )
+    out.append(f"{_how_good(study)}, mean {chosen.mean:.6g}.")
     out += _what_it_does(chosen)
     if not chosen.deterministic:
-        single = chosen.best_single()[1] * (-1 if study.criterion.startswith("regret") else 1)
-        out.append(f"Of all plans looked at, the best single one (--no-lots): {single:.6g}.")
+        worth = f"{study.told(study.single.worth):.6g}"
+        out.append(
+            f"The best single plan (--no-lots): {worth}." if study.single.proven else
+            f"The best of {study.single.looked:,} single plans looked at (--no-lots): {worth}."
+        )  # fmt: skip
     out += ["", *_prices(study), "", *_decisions(study), ""]
     out += [study.perfect.sentence, study.partial.sentence]
     out.append(
@@ -162,6 +162,20 @@ def _lines(study: RobustStudy) -> list[str]:
     out += [f"At {name}: {found.sentence}" for name, found in study.frontiers.items()]
     out += [flip.sentence for flip in study.flips]
     return out
+
+
+def _how_good(study: RobustStudy) -> str:
+    """The criterion of the chosen plan, and how sure it is that no other plan is better."""
+    chosen, single = study.chosen, study.single
+    what, value = study.criterion_words, f"{study.value:.6g}"
+    if chosen.certified:
+        return f"Best {what}: {value} (gap {chosen.gap:.2g}, certified)"
+    if not chosen.deterministic:
+        return f"Best {what}: {value} (gap {chosen.gap:.2g}, not certified)"
+    lots = f"drawing lots may gain {chosen.gap:.2g} at most"
+    if single.proven:
+        return f"Best {what} without lots: {value} (all {single.looked:,} plans looked at; {lots})"
+    return f"{what[0].upper()}{what[1:]}, the best of {single.looked:,} single plans looked at: {value} ({lots})"
 
 
 def _what_it_does(chosen: CautiousPlan) -> list[str]:

@@ -3,14 +3,15 @@
 Study 1 is played in the game by simulated people. The score x_s of a state is the mean of the team's tokens a
 round, weighted by the smoothed state probabilities; the costs of helping and signalling are the robot's
 interruption in rounds in which it helps or signals. Printed are 45, 48, 56, 67 and 15, 15 (the costs in no named
-unit). Map, length of a round and people's speed are not printed: the defaults were chosen by `compare_settings`.
+unit). Map, length of a round, people's speed and attention are not printed: `analysis.game_settings` tells how
+the defaults were chosen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
-from itertools import product
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,8 +31,8 @@ from models.lspomdp import LatentStatePOMDP
 STUDIES = 20
 """Studies that a calibration plays by default."""
 
-LENGTHS = (800, 1000, 1100, 1200, 1400, 1800)
-STEPS = (4, 5, 6)
+MARGIN = 2.0
+"""Standard errors by which lowest and highest score must be beyond the printed ones to bracket them."""
 
 _TASK = 103
 """First number of the spawn key of the studies' seeds; then 1 and the number of the study."""
@@ -75,34 +76,73 @@ class GameCalibration:
     @property
     def tolerance(self) -> float:
         """Largest distance of a measured from a printed x_s, in tokens."""
-        rows = self.table["quantity"].str.startswith("x_s")
-        return float(self.table.loc[rows, "difference"].abs().max())
+        return float(np.abs(self._distance).max())
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the measured from the printed x_s, in tokens."""
+        return float(np.sqrt((self._distance**2).mean()))
+
+    @property
+    def margins(self) -> tuple[float, float]:
+        """By how many tokens lowest and highest x_s are beyond the printed ones, less `MARGIN` standard errors.
+
+        The states bracket the printed span if neither is negative. NaN without printed scores.
+        """
+        rows = self.table[self.table["quantity"].str.startswith("x_s")]
+        lowest = rows.loc[rows["measured"].idxmin()]
+        highest = rows.loc[rows["measured"].idxmax()]
+        below = rows["printed"].min() - lowest["measured"] - MARGIN * lowest["se"]
+        return float(below), float(highest["measured"] - rows["printed"].max() - MARGIN * highest["se"])
+
+    @property
+    def brackets(self) -> bool:
+        """Whether the lowest and the highest x_s are beyond the printed ones by `MARGIN` standard errors."""
+        return min(self.margins) >= 0
 
     @property
     def sentence(self) -> str:
-        """What was measured, how far it is from print, and what the game cannot reach."""
+        """What was measured, whether it brackets what is printed, and where it is off."""
         reward, x = published()["reward"], self.scores
-        printed = reward["x"]
         rows = self.table.set_index(["quantity", "unit"])["measured"]
         beside = ""
-        if len(x) == len(printed):
-            beside = f" (printed {', '.join(f'{v:g}' for v in printed)}; within {self.tolerance:.1f})"
-        bound, span = self.freed / self.not_freed, printed[-1] / printed[0]
-        by_kind = f"those bring {self.freed:.1f} tokens, the others {self.not_freed:.1f}, a ratio of {bound:.2f}."
-        verdict = "Rounds in which the trapped player is freed bring more: " + by_kind
-        if bound < span:
-            verdict = (
-                f"The printed span of {span:.2f} is out of reach, whatever the share of rounds in which the "
-                f"trapped player is freed: {by_kind}"
+        if not np.isnan(self._distance).any():
+            printed = np.array(reward["x"], dtype=np.float64)
+            ends = f"{printed.min():g} and {printed.max():g}"
+            beside = (
+                f"; printed are {', '.join(f'{v:g}' for v in printed)}. "
+                f"They {'bracket' if self.brackets else 'do not bracket'} {ends} by {MARGIN:g} standard errors; "
+                f"root mean square distance {self.rms:.1f}, largest {self.tolerance:.1f}"
             )
+            if len(x) > 2:
+                measured_way, printed_way = (_way(v) for v in (x, printed))
+                beside += (
+                    f": states between lie {measured_way} of the way from lowest to highest, printed {printed_way}"
+                )
         unseen = f" {self.unseen} willing people came too late to be seen." if self.unseen else ""
         return (
             f"In {self.studies} simulated studies of {self.participants} people the states bring "
             f"{', '.join(f'{v:.1f}' for v in x)} tokens a round{beside}. Helping interrupts the robot for "
             f"{rows['C_help', 'seconds']:.1f} s and {rows['C_help', 'tokens']:.1f} tokens, being trapped and "
             f"signalling for {rows['C_signal', 'seconds']:.1f} s and {rows['C_signal', 'tokens']:.1f} tokens "
-            f"(printed {reward['cost_help']:g} and {reward['cost_signal']:g}, in no named unit). {verdict}{unseen}"
+            f"(printed {reward['cost_help']:g} and {reward['cost_signal']:g}, in no named unit). Rounds in which "
+            f"the trapped player is freed bring {self.freed:.1f} tokens, the others {self.not_freed:.1f}.{unseen}"
         )
+
+    @property
+    def _distance(self) -> NDArray[np.float64]:
+        rows = self.table["quantity"].str.startswith("x_s")
+        return self.table.loc[rows, "difference"].to_numpy(dtype=np.float64)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as a file holds it; what is not printed is None."""
+        rows = self.table.astype(object).where(self.table.notna(), None).to_dict("records")
+        return {
+            "table": [{str(name): value for name, value in row.items()} for row in rows],
+            "brackets": self.brackets, "rms": self.rms, "largest": self.tolerance, "freed": self.freed,
+            "not_freed": self.not_freed, "unseen": self.unseen, "studies": self.studies,
+            "participants": self.participants, "sentence": self.sentence,
+        }  # fmt: skip
 
 
 def calibrate_game(
@@ -221,38 +261,7 @@ def interruptions(played: PlayedStudy) -> tuple[float, float, float, float]:
     return seconds, tokens, other_seconds, other_tokens
 
 
-def compare_settings(
-    lengths: Iterable[int] = LENGTHS,
-    steps: Iterable[int] = STEPS,
-    *,
-    layout: Layout | None = None,
-    parameters: GameParameters | None = None,
-    studies: int = 4,
-    seed: int = DEFAULT_SEED,
-) -> pd.DataFrame:
-    """Calibrations over lengths of a round and people's speeds, closest to the printed scores first.
-
-    Returns
-    -------
-    DataFrame
-        ``round_ticks, human_step_ticks``, measured ``x_s0 .. x_s3``, ``rms`` and ``largest`` distance from the
-        printed scores, ``span`` (highest over lowest; printed 1.49), ``C_help, C_signal`` in seconds.
-    """
-    base = GameParameters() if parameters is None else parameters
-    rows = []
-    for length, step in product(lengths, steps):
-        found = calibrate_game(
-            layout=layout, parameters=replace(base, round_ticks=length, human_step_ticks=step), studies=studies,
-            seed=seed,
-        )  # fmt: skip
-        x = found.scores
-        distance = x - np.array(published()["reward"]["x"], dtype=np.float64)
-        seconds = found.table[found.table["unit"] == "seconds"].set_index("quantity")["measured"]
-        rows.append(
-            {
-                "round_ticks": length, "human_step_ticks": step, **{f"x_s{s}": v for s, v in enumerate(x)},
-                "rms": float(np.sqrt((distance**2).mean())), "largest": float(np.abs(distance).max()),
-                "span": float(x[-1] / x[0]), **seconds.to_dict(),
-            }
-        )  # fmt: skip
-    return pd.DataFrame(rows).sort_values("rms", ignore_index=True)
+def _way(scores: NDArray[np.float64]) -> str:
+    """How far the states between the first and the last are on the way."""
+    shares = (scores[1:-1] - scores[0]) / (scores[-1] - scores[0])
+    return " and ".join(f"{share:.0%}" for share in shares)

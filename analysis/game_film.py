@@ -95,11 +95,13 @@ def write_film(
     Raises
     ------
     InputError
-        On another ending, on unusable numbers, and for an MP4 without imageio-ffmpeg.
+        On another ending, a folder that is not there, unusable numbers, and for an MP4 without imageio-ffmpeg.
     """
     path = Path(path)
     if path.suffix not in FORMATS:
         raise located(f"film {path}", path.suffix or Phrase("no ending"), f"one of {', '.join(FORMATS)}")
+    if not path.parent.is_dir():
+        raise located(f"film {path}", Phrase(f"no folder {path.parent}"), "a folder that is there")
     default_cell, default_fps, default_glide, write = FORMATS[path.suffix]
     rate = default_fps if fps is None else fps
     pictures = frames(

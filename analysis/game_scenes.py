@@ -95,7 +95,7 @@ def paper_scenes(
             "robot",
             False,
             "Robot needs help",
-            "Both doors are red, with rings: the robot cannot leave. A person comes.",
+            "Both doors are red (drawn orange-red, with rings): the robot cannot leave. A person comes.",
         ),
         ("robot", True, "Robot needs help, signals", "The same, and the room flashes."),
     ):

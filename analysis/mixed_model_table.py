@@ -245,9 +245,10 @@ def slopes_dict(results: Any) -> dict[str, Any]:
     """What `as_dict` tells, of a fit with random slopes: no profile, check of nodes or contrasts."""
     names, ends = list(results.model.names), np.asarray(results.conf_int(1 - LEVEL))
     p, ratios = len(results.fe_params), results.odds_ratios(1 - LEVEL)
-    values = (results.params, results.bse, results.tvalues[:p], results.pvalues[:p])
-    model = results.model
+    values = (results.estimates, results.bse, results.tvalues[:p], results.pvalues[:p])
+    model, escape = results.model, results.escape
     return {
+        "unbounded": {n: _END[s] for n, s, u in zip(names, escape.signs, escape.unbounded, strict=True) if u},
         **{key: dict(zip(names, map(float, v), strict=False)) for key, v in zip(_COLUMNS, values, strict=True)},
         "wald": {n: {"low": float(a), "high": float(b)} for n, (a, b) in zip(names, ends, strict=True)},
         "log_likelihood": results.llf, "aic": results.aic, "bic": results.bic,
@@ -257,7 +258,8 @@ def slopes_dict(results: Any) -> dict[str, Any]:
         },
         "converged": results.converged, "singular": results.singular,
         "notes": [{"warning": n.category.__name__, "text": n.text} for n in results.notes],
-        "rows": int(results.nobs), "dropped": model.n_dropped, "groups": model.fixed.n_groups,
+        "rows": int(results.nobs), "dropped": model.n_dropped,
+        "dropped_by_terms": dict(model.dropped_by_terms), "groups": model.fixed.n_groups,
         "quadrature": "laplace", "level": LEVEL,
     }  # fmt: skip
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from models.errors import located
-from models.planning.exact import ExactPlan, solve_schedule
+from models.planning.exact import Decisions, ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
 from models.robust.candidates import standard_candidates
 from models.robust.cautious import CautiousPlan, cautious_plan
 from models.robust.contested import Flip, contested, flip_points
 from models.robust.frontier import LEVELS, Frontier, frontier
 from models.robust.information import (
+    SAME,
     PerfectInformation,
     beyond_rounding,
     outcome_reference,
@@ -28,6 +29,7 @@ from models.robust.people_draws import Personal, personalised
 from models.robust.pricing import PriceList, price
 from models.robust.risk import Outcome, weighted_quantiles
 from models.robust.sample_information import sample_information
+from models.robust.single_plan import SinglePlan, best_single, decisions_of, pooled
 from models.robust.stability import Stability, decision_stability
 from models.robust.study_worth import SampleInformation
 
@@ -45,6 +47,9 @@ FEWEST_IN_TAIL = 10
 REPLICATES = 200
 """Simulated data sets a study."""
 
+OWN_PLANS = 64
+"""Own plans of draws, the most believed ones, that the best single plan is looked for among."""
+
 
 @dataclass(frozen=True)
 class RobustStudy:
@@ -60,6 +65,8 @@ class RobustStudy:
         The Bayes-adaptive plan.
     chosen : CautiousPlan
         The plan of the criterion.
+    single : SinglePlan
+        The best plan of the criterion that draws no lots; no plan in `prices` that draws none is better.
     own : OwnPlans
     prices : PriceList
     stability : Stability
@@ -72,6 +79,8 @@ class RobustStudy:
         At the costs given and, where it was asked for, where the first decisions of all modes flip together.
     flips : tuple of Flip
         Where the first decision of each mode flips, the other costs as they are.
+    together : tuple of Flip
+        The same all at once: where the second frontier is.
     personal : Personal or None
         Where people differ: what learning whom the robot faces is worth.
     """
@@ -81,6 +90,7 @@ class RobustStudy:
     alpha: float
     plan: ExactPlan
     chosen: CautiousPlan
+    single: SinglePlan
     own: OwnPlans
     prices: PriceList
     stability: Stability
@@ -89,12 +99,20 @@ class RobustStudy:
     samples: tuple[SampleInformation, ...]
     frontiers: dict[str, Frontier]
     flips: tuple[Flip, ...]
+    together: tuple[Flip, ...] = ()
     personal: Personal | None = None
 
     @property
     def value(self) -> float:
         """Of the chosen plan by its criterion; for regret, how large it is."""
-        return -self.chosen.lower if self.criterion.startswith("regret") else self.chosen.lower
+        return self.told(self.chosen.lower)
+
+    def told(self, worth: float) -> float:
+        """A number of the criterion as it is told: regret as what is lost, and rounding as nothing."""
+        scale = max(1.0, float(np.abs(self.chosen.table.values).max()))
+        if abs(worth) <= SAME * scale:
+            return 0.0
+        return -worth if self.criterion.startswith("regret") else worth
 
     @property
     def adaptivity(self) -> float:
@@ -165,9 +183,10 @@ def robust_study(
     alpha : float
         In ``(0, 1]``.
     mean_share : float
-        Share of the mean in the ``cvar`` criterion.
+        Share of the mean in the ``cvar`` criterion; no other takes one.
     lots : bool
-        Whether the plan of the criterion may draw one of several plans; otherwise it is the best single one found.
+        Whether the plan of the criterion may draw one of several plans; otherwise it is the best single one
+        (`models.robust.single_plan`).
     plug_in : LatentStatePOMDP, optional
         The point estimate, to price planning with it.
     asked : sequence of Asked
@@ -193,15 +212,19 @@ def robust_study(
     Raises
     ------
     InputError
-        On an unknown criterion, alpha outside (0, 1], or a cost of participants without the people served.
+        On an unknown criterion, alpha outside (0, 1], a share of the mean that the criterion does not take, nobody
+        served, or a cost of participants without the people served.
     """
     if criterion not in CRITERIA:
         raise located("criterion", criterion, f"one of {', '.join(CRITERIA)}")
     if not (np.isfinite(alpha) and 0 < alpha <= 1):
         raise located("alpha", alpha, "a share above 0 and up to 1")
-    for name, value in (("people served", served), ("cost of a participant", cost)):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise located(name, value, "a number of at least 0")
+    if mean_share and criterion != "cvar":
+        raise located("share of the mean", mean_share, f"none with criterion {criterion}: only cvar takes one")
+    if served is not None and not (np.isfinite(served) and served > 0):
+        raise located("people served", served, "a positive number")
+    if not (np.isfinite(cost) and cost >= 0):
+        raise located("cost of a participant", cost, "a number of at least 0")
     if cost and served is None:
         raise located("people served", None, "a number: what participants cost is set against what people gain")
 
@@ -214,17 +237,17 @@ def robust_study(
     outcome: Outcome = {"regret": "regret", "gain": "gain"}.get(criterion.split("-")[0], "value")  # type: ignore[assignment]
     reference = perfect.optima if outcome == "regret" else outcome_reference(schedule, outcome, kinds=kinds)
     level = {"bayes": 1.0, "regret": 0.0}.get(criterion, alpha)
-    share = mean_share if criterion == "cvar" else 0.0
-    chosen = cautious_plan(
-        schedule, level, mean_share=share, reference=reference, kinds=kinds, start=[plan.decisions]
+    mixture = cautious_plan(
+        schedule, level, mean_share=mean_share, reference=reference, kinds=kinds, start=[plan.decisions]
     )
-    if not lots:
-        chosen = chosen.without_lots()
     candidates = standard_candidates(schedule, alpha=alpha, mean_share=mean_share, kinds=kinds, plug_in=plug_in)
     prices = price(
         schedule, candidates, alpha=alpha, kinds=kinds, chains=chains, optima=perfect.optima, executor=executor,
         progress=told("plans"),
     )  # fmt: skip
+    single = best_single(mixture, _single_plans(schedule, prices, own))
+    # A search for mixtures that had to stop early may have missed even the best single plan.
+    chosen = single.cautious if not lots or single.worth > mixture.lower + mixture.tolerance else mixture
     partial = partial_information(
         schedule, kinds=kinds, chains=chains, perfect=perfect, executor=executor, progress=told("blocks")
     )
@@ -242,6 +265,7 @@ def robust_study(
     levels = tuple(a for a in LEVELS if a * len(perfect.groups) >= FEWEST_IN_TAIL) if sampled else LEVELS
     frontiers: dict[str, Frontier] = {}
     flips: tuple[Flip, ...] = ()
+    together: tuple[Flip, ...] = ()
     if with_frontier:
         frontiers["these costs"] = frontier(
             schedule, levels or (1.0,), kinds=kinds, executor=executor, progress=told("frontier")
@@ -257,9 +281,16 @@ def robust_study(
     stability = decision_stability(schedule, plan, executor=executor, kinds=kinds)
     personal = personalised(schedule, kinds) if kinds > 1 else None
     return RobustStudy(
-        schedule, criterion, alpha, plan, chosen, own, prices, stability, perfect, partial, samples, frontiers,
-        flips, personal,
+        schedule, criterion, alpha, plan, chosen, single, own, prices, stability, perfect, partial, samples,
+        frontiers, flips, together, personal,
     )  # fmt: skip
+
+
+def _single_plans(schedule: Schedule, prices: PriceList, own: OwnPlans) -> tuple[Decisions, ...]:
+    """Plans that are priced, each one of a mixture, what policies without chance do, and the draws' own plans."""
+    chosen = [p.chosen for p in prices.prices]
+    policies = [decisions_of(c.policy, schedule) for c in chosen if c.policy is not None]
+    return pooled([*(plan for c in chosen for plan in c.plans), *policies, *own.plans[:OWN_PLANS]])
 
 
 def robust_fields(study: RobustStudy) -> dict[str, Any]:
@@ -300,7 +331,9 @@ def robust_fields(study: RobustStudy) -> dict[str, Any]:
             "gain": study.personal.gain, "value": study.personal.value, "impersonal": study.personal.impersonal,
             "kinds": study.personal.kinds,
         },
-        "mixture": study.chosen.rows(), "without_lots": study.chosen.best_single()[1],
+        "mixture": study.chosen.rows(),
+        "without_lots": study.told(study.single.worth),
+        "without_lots_proven": study.single.proven, "without_lots_plans": study.single.looked,
         "agreement": study.stability.agreement, "stability": study.stability.rows(),
         "beliefs": study.stability.beliefs,
         "own_plans": len(study.own.plans), "sentence": study.sentence,

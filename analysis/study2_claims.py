@@ -32,6 +32,9 @@ EFFECTS = ("policy", "time", "policy:time")
 SURE = 0.05
 """Level at which the paper calls a difference significant where it names no other."""
 
+ROUNDING = 1e-9
+"""Smaller differences of means are what adding in another order leaves, and no difference."""
+
 
 @dataclass(frozen=True)
 class Facts:
@@ -98,8 +101,9 @@ class Facts:
         return cls(planner, study.policies, size, mean, variance, f, p, costly)
 
     def difference(self, outcome: str, policy: str, other: str | None = None) -> float:
-        """Mean under the planner (or another policy) less that under a policy."""
-        return float(self.mean[outcome][self._at(other)] - self.mean[outcome][self._at(policy)])
+        """Mean under the planner (or another policy) less that under a policy; equal counts are no difference."""
+        difference = float(self.mean[outcome][self._at(other)] - self.mean[outcome][self._at(policy)])
+        return 0.0 if abs(difference) < ROUNDING else difference
 
     def above(self, outcome: str, policy: str, level: float, other: str | None = None) -> bool:
         """Whether the planner (or another policy) is above a policy with Tukey's p below a level."""

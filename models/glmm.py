@@ -250,11 +250,11 @@ class LogisticMixedModel(LikelihoodFunctions):
         if isinstance(formula, str) and (terms := RandomTerms.read(formula)) is not None:
             options = {**given, "subset": subset, "drop_cols": drop_cols, "quadrature": quadrature, **kwargs}
             return LogisticSlopeModel.read(cls, terms, table_of(data), options | {"missing": missing})
-        formula, data, arrays, n_given, name, term = read_table(formula, data, given, subset, missing)
+        formula, data, arrays, n_given, name, term, lost = read_table(formula, data, given, subset, missing)
         if drop_cols is None and (plain := PlainDesign.read(formula, data)) is not None:
             named = {**arrays, **kwargs, "group_name": name}
             plain_model: LogisticMixedModel = plain.model(cls, formula, data, n_given, named, quadrature)
-            plain_model.offset_term = term
+            plain_model.offset_term, plain_model.dropped_by_terms = term, lost
             return plain_model
         check_columns(formula, data, missing)
         check_rows_left([data[column] for column in data.columns if is_used(column, formula)], n_given, data)
@@ -270,7 +270,7 @@ class LogisticMixedModel(LikelihoodFunctions):
         except (NameError, SyntaxError, ValueError, FormulaSyntaxError, manager.factor_evaluation_error) as error:
             raise engine_error(formula, data, error) or column_error(formula, data, error) from error
         model.n_dropped, model.offset_term = n_given - len(model.endog), term
-        model.dropped_by_terms = terms_without_numbers(model, formula, data)
+        model.dropped_by_terms = {**lost, **terms_without_numbers(model, formula, data)}
         return model
 
     def __getstate__(self) -> dict[str, Any]:

@@ -32,6 +32,9 @@ def likelihood_ratio(full: LogisticMixedResults, restricted: LogisticMixedResult
     """
     full, restricted = unwrapped(full), unwrapped(restricted)
     check_comparable(full, restricted)
+    if hasattr(restricted.model, "effects"):
+        wanted = "a random intercept in both: only fixed effects are tested"
+        raise located("restricted model", Phrase("random slopes"), wanted)
     for name, results in (("full", full), ("restricted", restricted)):
         _check_ended(f"{name} model", results)
     big, small = full.model.exog, restricted.model.exog
@@ -70,7 +73,9 @@ def check_comparable(first: LogisticMixedResults, second: LogisticMixedResults) 
     """
     if not hasattr(second, "maximum"):
         raise located("restricted model", Phrase(type(second).__name__), "a fitted LogisticMixedModel")
-    a, b = first.model, second.model
+    # The data of a model with random slopes are those of the model with a random intercept inside it.
+    models: list[Any] = [getattr(fit.model, "fixed", fit.model) for fit in (first, second)]
+    a, b = models
     for model in (a, b):
         kept(model, "patterns", "comparison of models")
     if a.rule.n_nodes != b.rule.n_nodes:
@@ -183,7 +188,7 @@ def aic_table(fits: dict[str, Any] | Sequence[Any]) -> pd.DataFrame:
         ``parameters``, ``log-likelihood``, ``AIC``, ``dAIC`` (above the best), ``weight``
         (:math:`e^{-dAIC/2}`, normalised), ``BIC`` (logarithm of rows). NaN, and last, for fits without a maximum.
     """
-    named = fits if isinstance(fits, dict) else {str(getattr(f.model, "formula", i)): f for i, f in enumerate(fits)}
+    named = fits if isinstance(fits, dict) else _by_formula(fits)
     results = [unwrapped(fit) for fit in named.values()]
     for other in results[1:]:
         check_comparable(results[0], other)
@@ -202,3 +207,15 @@ def aic_table(fits: dict[str, Any] | Sequence[Any]) -> pd.DataFrame:
     weight = np.exp(-0.5 * table["dAIC"])
     table.insert(4, "weight", weight / weight.sum())
     return table.sort_values("AIC")
+
+
+def _by_formula(fits: Sequence[Any]) -> dict[str, Any]:
+    """Fits by their formula, with the random terms where there are slopes, and numbered where it is there."""
+    out: dict[str, Any] = {}
+    for i, fit in enumerate(fits):
+        name = str(getattr(fit.model, "formula", i))
+        if hasattr(fit.model, "effects"):
+            name = " + ".join([name, *(f"({block}|{fit.model.group_name})" for block in fit.model.formulas)])
+        again = sum(known == name or known.startswith(f"{name} [") for known in out)
+        out[f"{name} [{again + 1}]" if again else name] = fit
+    return out

@@ -23,12 +23,25 @@ def kept(model: Any, name: str, what: str) -> Any:
     Raises
     ------
     InputError
-        If it is gone; `what` says what it was wanted for.
+        If it is gone, or a fit with random slopes never had it; `what` says what it was wanted for.
     """
+    if not hasattr(model, name):
+        one_intercept(model, what)
     value = getattr(model, name)
     if value is None:
         raise located(what, Phrase("a fit whose data were removed"), "the fit as it was before remove_data()")
     return value
+
+
+def one_intercept(model: Any, what: str) -> None:
+    """Refuse a model with random slopes where only a random intercept will do.
+
+    Raises
+    ------
+    InputError
+    """
+    if hasattr(model, "effects"):
+        raise located(what, Phrase("a fit with random slopes"), "a random intercept: slopes have Wald tests only")
 
 
 def optional_array(value: Any, n_rows: int, place: str) -> Array | None:

@@ -24,7 +24,7 @@ from scipy.stats import norm
 from models.errors import Phrase, located
 from models.glmm_arguments import check_alpha
 from models.glmm_data import Array
-from models.glmm_input import kept, unwrapped
+from models.glmm_input import kept, one_intercept, unwrapped
 from models.glmm_table import is_used
 
 if TYPE_CHECKING:
@@ -197,6 +197,7 @@ def marginal_contrast(
     results = unwrapped(results)
     if not hasattr(results, "maximum"):
         raise located("results", Phrase(type(results).__name__), "a fitted LogisticMixedModel")
+    one_intercept(results.model, "marginal_contrast")
     check_alpha(alpha)
     _check_settings(results, setting, reference)
     model, theta = results.model, np.asarray(results.params)

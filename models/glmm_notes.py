@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,14 +39,11 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
     """All that apply to a fit, gravest first."""
     model, best, escape = results.model, results.maximum, results.escape
     notes: list[Note] = []
-    if model.dropped_by_terms:
-        terms = " and ".join(f"{term} is no number in {n}" for term, n in model.dropped_by_terms.items())
-        text = f"rows were left out in which all values are there: {terms} of {len(model.endog) + model.n_dropped}"
-        notes.append(Note(DroppedRowsWarning, text))
+    notes += dropped_notes(model)
     if escape.within_groups:
-        notes.append(Note(SeparationWarning, _within_groups(results)))
+        notes.append(Note(SeparationWarning, within_groups(results)))
     if escape.separation:
-        notes.append(Note(SeparationWarning, _separated(results)))
+        notes.append(Note(SeparationWarning, separated(results)))
     else:
         cells = ceiling_cells(model.patterns, [str(name) for name in model.exog_names])
         if cells:
@@ -94,7 +91,21 @@ def notes_of(results: LogisticMixedResults) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _separated(results: LogisticMixedResults) -> str:
+def dropped_notes(model: Any) -> list[Note]:
+    """Rows left out though all their values were there."""
+    if not model.dropped_by_terms:
+        return []
+    terms = " and ".join(f"{term} is no number in {n}" for term, n in model.dropped_by_terms.items())
+    text = f"rows were left out in which all values are there: {terms} of {len(model.endog) + model.n_dropped}"
+    return [Note(DroppedRowsWarning, text)]
+
+
+PROFILED = ", and profile intervals have one end at most"
+"""Said of fits that have profile intervals."""
+
+
+def separated(results: Any, ends: str = PROFILED) -> str:
+    """What the fixed effects predict perfectly, and which of them have no estimate."""
     separation = results.escape.separation
     assert separation is not None
     every = "every row" if separation.complete else f"{separation.n_cells} covariate rows"
@@ -105,11 +116,12 @@ def _separated(results: LogisticMixedResults) -> str:
     return (
         f"{' and '.join(separation.coefficients)}: no finite estimate, {every} predicted perfectly ({listed}); "
         f"{more}the numbers in params are where the search stopped, there are no errors or Wald tests and "
-        "intervals, and profile intervals have one end at most"
+        f"intervals{ends}"
     )
 
 
-def _within_groups(results: LogisticMixedResults) -> str:
+def within_groups(results: Any, ends: str = PROFILED) -> str:
+    """Why no parameter has an estimate where every group is separated within."""
     escape, sd = results.escape, name_of_sd(results)
     assert escape.limit is not None
     if escape.limit.constant_groups:
@@ -127,10 +139,11 @@ def _within_groups(results: LogisticMixedResults) -> str:
     return (
         f"{why}. No parameter has a finite estimate (the log-likelihood rises to {escape.limit.value:.4f}); the "
         "numbers in params are where the search stopped, there are no errors or Wald tests and "
-        "intervals, and profile intervals have one end at most"
+        f"intervals{ends}"
     )
 
 
-def name_of_sd(results: LogisticMixedResults) -> str:
-    """Name of the standard deviation, as in the table of parameters."""
-    return str(results.model.data.param_names[-1])
+def name_of_sd(results: Any) -> str:
+    """Name of the intercept's standard deviation, as in the table of parameters."""
+    model = results.model
+    return str(getattr(model, "fixed", model).data.param_names[-1])

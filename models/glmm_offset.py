@@ -89,8 +89,12 @@ def offset_values(offset: str, data: pd.DataFrame) -> Array:
                 values = values.to_numpy(float, na_value=np.nan)
             values = np.asarray(values, float)
     except NameError as error:
+        if error.name == "I" and "I" not in names:
+            raise located(place, "I", "the expression itself: an offset needs no I()") from None
         raise located(place, error.name, f"one of the columns {', '.join(names)}") from None
     except Exception as error:  # whatever the columns' values do to the expression
+        if isinstance(error, TypeError) and "^" in offset:
+            raise located(place, "^", "**, for a power") from None
         raise located(place, Phrase(f"{type(error).__name__}: {error}"), "numbers, one a row") from None
     if values.ndim == 0:
         values = np.full(len(data), float(values))

@@ -12,63 +12,33 @@ with few binary outcomes a group can be badly wrong (`models.glmm`): it must be 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize
+from numpy.typing import NDArray
 from statsmodels.base import model as base
-from statsmodels.formula._manager import FormulaManager
 
-from models.errors import InputError, Phrase, located
+from models.errors import Phrase, located
+from models.glmm_arguments import check_iterations, check_known
 from models.glmm_coordinates import Coordinates
 from models.glmm_data import Array
-from models.glmm_formula import column_error, quoted_names
-from models.glmm_input import redundant_columns
-from models.glmm_optimise import negative_definite
+from models.glmm_formula import quoted_names
+from models.glmm_input import check_complete, redundant_columns
 from models.glmm_pickle import restore, state_of
+from models.glmm_slope_design import RandomDesign, lost_rows, new_columns
 from models.glmm_slope_likelihood import SlopeLikelihood
 from models.glmm_slope_results import LogisticSlopeResults
+from models.glmm_slope_search import maximise_slopes
+from models.glmm_table import check_rows_left, is_used, plain_columns
 from models.glmm_wrapper import LogisticMixedResultsWrapper
 
 if TYPE_CHECKING:
     from models.glmm import LogisticMixedModel
     from models.glmm_slope_terms import RandomTerms
-
-SPREADS = (0.3, 1.0)
-"""Standard deviations of slopes, in units of their column, at which searches start."""
-
-STEP = 1e-7
-"""Standard errors left at which Newton's steps end."""
-
-CLOSED = 1e-3
-"""Entry of a standardised Lambda, in units of the logit, below which a direction has no variance."""
-
-
-@dataclass(frozen=True)
-class SlopeMaximum:
-    """The best maximum found, in the parameters (beta, entries of Lambda).
-
-    Attributes
-    ----------
-    theta : array
-    value : float
-    covariance : array
-        Inverse of minus the Hessian; zero for entries at zero in a singular fit.
-    converged : bool
-    ends : tuple of float
-        Log-likelihoods at which searches ended.
-    """
-
-    theta: Array
-    value: float
-    covariance: Array
-    converged: bool
-    ends: tuple[float, ...]
 
 
 class LogisticSlopeModel(base.LikelihoodModel):
@@ -129,29 +99,42 @@ class LogisticSlopeModel(base.LikelihoodModel):
                 raise located(name, Phrase("given"), wanted)
         data = data.reset_index(drop=True)
         formulas = tuple(quoted_names(block) for block in terms.blocks)
-        parts = [_columns(formula, data) for formula in formulas]
-        random = pd.concat(parts, axis=1)
+        data = plain_columns(data, " + ".join(formulas))
+        terms_of = [
+            RandomDesign.of(formula, data, options["missing"], separate)
+            for formula, separate in zip(formulas, terms.separate, strict=True)
+        ]
+        random = pd.concat([term.columns for term in terms_of], axis=1)
         if random.columns.duplicated().any():
             twice = random.columns[random.columns.duplicated()][0]
             raise located("random effects", Phrase(f"{twice} twice"), "each effect in one term")
         whole = random.notna().all(axis=1)
+        if not whole.any():
+            check_rows_left([random], len(data), data[[c for c in data.columns if is_used(c, " ".join(formulas))]])
         if not whole.all() and options["missing"] == "raise":
             raise located("random effects, row", int(np.argmin(whole)) + 1, "no missing value (missing='raise')")
         arrays = {k: v for k, v in options.items() if k in ("trials", "freq_weights", "offset") and np.ndim(v)}
         for name, values in arrays.items():
             options[name] = np.asarray(values)[whole.to_numpy()]
+        lost = lost_rows(terms_of, data, " ".join([terms.fixed, *formulas]))
         fixed = kind.from_formula(terms.fixed, data[whole], **options)
         fixed.n_dropped += int((~whole).sum())
+        fixed.dropped_by_terms = {**fixed.dropped_by_terms, **lost}
         random = random.loc[fixed.data.row_labels]
+        check_complete({f"random effects, {name}": random[name].to_numpy(float) for name in random})
         redundant = redundant_columns(random.to_numpy(float))
         if redundant:
             name = Phrase(str(random.columns[redundant[0]]))
             raise located("random effects", name, "columns that vary on their own")
-        number = np.cumsum([0, *(part.shape[1] for part in parts)])
+        sizes = [size for term in terms_of for size in term.blocks]
+        number = np.cumsum([0, *sizes])
         blocks = tuple(tuple(range(a, b)) for a, b in pairwise(map(int, number)))
-        if terms.separate:
-            blocks = tuple((i,) for i in range(random.shape[1]))
         return cls(fixed, random, blocks, formulas)
+
+    @property
+    def dropped_by_terms(self) -> Mapping[str, int]:
+        """Rows left out though all their values were there, by the column that is no number in them."""
+        return self.fixed.dropped_by_terms
 
     def __getstate__(self) -> dict[str, Any]:
         return state_of(self)
@@ -163,125 +146,74 @@ class LogisticSlopeModel(base.LikelihoodModel):
         """Columns of the random effects, of new rows or the fit's own."""
         if rows is None:
             return self.random
-        return np.hstack([_columns(f, self.fixed.data.frame, rows).to_numpy(float) for f in self.formulas])
+        return np.hstack([new_columns(f, self.fixed.data.frame, rows) for f in self.formulas])
 
-    def likelihood(self, coordinates: Coordinates, scale: Array) -> SlopeLikelihood:
-        """The likelihood in working columns: of the design by coordinates, of the random effects over `scale`."""
+    def likelihood(
+        self,
+        coordinates: Coordinates,
+        scale: Array,
+        rows: NDArray[np.bool_] | None = None,
+        columns: Sequence[int] | None = None,
+    ) -> SlopeLikelihood:
+        """The likelihood in working columns: of the design by coordinates, of the random effects over `scale`.
+
+        Of all rows and columns of the design, or of those given.
+        """
         model = self.fixed
+        design = self.exog if columns is None else self.exog[:, list(columns)]
         order = np.argsort(model.group_code, kind="stable")
-        used = order[model.freq_weights[order] > 0]
+        counted = model.freq_weights > 0
+        used = order[(counted if rows is None else counted & rows)[order]]
         code = model.group_code[used]
         weights = model.freq_weights[used]
         return SlopeLikelihood(
-            coordinates.apply(self.exog)[used], model.offset[used], weights * model.successes[used],
+            coordinates.apply(design)[used], model.offset[used], weights * model.successes[used],
             weights * model.trials[used], self.random[used] / scale,
             np.flatnonzero(np.append(True, np.diff(code) != 0)), self.entries, model.patterns.constant,
         )  # fmt: skip
 
-    def fit(self, warn: bool = True, max_iterations: int = 500) -> Any:
+    def fit(
+        self,
+        warn: bool = True,
+        max_iterations: int = 500,
+        cov_type: str = "model",
+        method: str | None = None,
+        maxiter: int | None = None,
+        disp: Any = 0,
+        **others: Any,
+    ) -> Any:
         """Maximise Laplace's likelihood from several standard deviations of the slopes.
 
         Parameters
         ----------
         warn : bool
             Whether the notes of the results are raised as warnings too.
-        max_iterations : int
+        max_iterations, maxiter : int
             Of each search.
+        cov_type : {"model"}
+            Inverse information.
+        method : {"bfgs"}, optional
+        disp : bool
+            Accepted for statsmodels' sake: nothing is printed.
 
         Returns
         -------
         LogisticSlopeResults (wrapped, so that vectors carry names)
+
+        Raises
+        ------
+        InputError
+            For arguments that are out of range, unknown, or for a random intercept only.
         """
-        results = LogisticSlopeResults(self, self.maximise(max_iterations))
+        if others:
+            wanted = "one of max_iterations (or maxiter), warn, method, disp: searches choose where they start"
+            raise located("fit", Phrase(f"the argument {next(iter(others))}"), wanted)
+        check_known(method, {})
+        if cov_type != "model":
+            raise located("cov_type", cov_type, "'model': random slopes have no other covariance")
+        iterations = check_iterations(max_iterations if maxiter is None else maxiter)
+        results = LogisticSlopeResults(self, maximise_slopes(self, iterations))
         if warn:
             for note in results.notes:
                 warnings.warn(note.text, note.category, stacklevel=2)
         return LogisticMixedResultsWrapper(results)
-
-    def maximise(self, max_iterations: int = 500) -> SlopeMaximum:
-        """The best maximum, from the fit with a random intercept."""
-        begin = self.fixed.fit(warn=False)._results
-        coordinates = Coordinates.of(self.exog)
-        scale = np.sqrt(np.mean(self.random**2, axis=0))
-        likelihood = self.likelihood(coordinates, scale)
-        p = self.exog.shape[1]
-        beta = coordinates.forward(np.append(begin.params[:-1], 0.0))[:-1]
-        beta = beta if np.isfinite(beta).all() and np.abs(beta).max() < 50 else np.zeros(p)
-        found = []
-        for spread in SPREADS:
-            start = np.concatenate([beta, [0.0 if i != j else spread for i, j in self.entries]])
-            for k, (i, j) in enumerate(self.entries):
-                if i == j and self.effects[i] == "Intercept":
-                    start[p + k] = min(max(begin.sd, 0.3), 5.0)
-            options = {"maxiter": max_iterations, "gtol": 1e-5}
-            found.append(minimize(partial(_negative, likelihood), start, jac=True, method="BFGS", options=options))
-        best = min(found, key=lambda f: f.fun)
-        theta, value, covariance, converged = _newton(likelihood, np.asarray(best.x), p)
-        out = np.eye(len(theta))
-        out[:p, :p] = coordinates.matrix[:-1, :-1]
-        for k, (i, _) in enumerate(self.entries):
-            out[p + k, p + k] = 1.0 / scale[i]
-        return SlopeMaximum(
-            out @ theta, value, out @ covariance @ out.T, converged, tuple(float(-f.fun) for f in found)
-        )
-
-
-def _columns(formula: str, data: pd.DataFrame, rows: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Design of a random term, NaN where a value is missing; of other rows as the table was coded."""
-    manager = FormulaManager()
-    try:
-        design = manager.get_matrices(formula, data, pandas=True)
-        if rows is not None:
-            rows = rows.reset_index(drop=True)
-            design = manager.get_matrices(manager.spec, rows, pandas=True, prediction=True)
-    except InputError:
-        raise
-    except Exception as error:  # engines raise what they like
-        raise column_error(formula, data, error) from error
-    return pd.DataFrame(design).reindex((data if rows is None else rows).index)
-
-
-def _negative(likelihood: SlopeLikelihood, theta: Array) -> tuple[float, Array]:
-    value, gradient = likelihood(theta)
-    return -value, -gradient
-
-
-def _newton(likelihood: SlopeLikelihood, theta: Array, p: int) -> tuple[Array, float, Array, bool]:
-    """Newton's steps from near the top; entries of Lambda that are zero there stay so, as they do by symmetry."""
-    theta = theta.copy()
-    diagonal = np.array([i == j for i, j in likelihood.entries])
-    converged = False
-    for _ in range(20):
-        small = np.abs(theta[p:]) < CLOSED
-        trial = theta.copy()
-        trial[p:][small & diagonal] = 0.0
-        if likelihood(trial)[0] >= likelihood(theta)[0] - 1e-6:
-            theta = trial
-        fixed = np.append(np.zeros(p, bool), diagonal & (theta[p:] == 0.0))
-        # A row of Lambda before a column without variance is not determined: nor is what stands below a zero.
-        empty = {j for (i, j), zero in zip(likelihood.entries, fixed[p:], strict=True) if i == j and zero}
-        below = [j in empty and abs(theta[p + k]) < CLOSED for k, (_, j) in enumerate(likelihood.entries)]
-        fixed[p:] |= np.array(below)
-        theta[fixed] = 0.0
-        free = np.flatnonzero(~fixed)
-        hessian = likelihood.hessian(theta)[np.ix_(free, free)]
-        value, gradient = likelihood(theta)
-        if not negative_definite(hessian):
-            break
-        step = np.linalg.solve(-hessian, gradient[free])
-        if gradient[free] @ step <= STEP**2:
-            converged = True
-            break
-        length = 1.0
-        while length > 1e-6:
-            trial = theta.copy()
-            trial[free] += length * step
-            if likelihood(trial)[0] >= value - 1e-12 * abs(value):
-                break
-            length *= 0.5
-        theta = trial
-    covariance = np.full((len(theta), len(theta)), np.nan)
-    if converged:
-        covariance = np.zeros((len(theta), len(theta)))
-        covariance[np.ix_(free, free)] = np.linalg.inv(-hessian)
-    return theta, float(likelihood(theta)[0]), covariance, converged

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,24 +9,25 @@ import pandas as pd
 from scipy.special import expit
 from scipy.stats import chi2, norm
 from statsmodels.base import model as base
-from statsmodels.iolib import summary2
+from statsmodels.stats.contrast import ContrastResults
 from statsmodels.tools._decorators import cache_readonly
 
 from models.errors import Phrase, located
 from models.glmm_arguments import check_alpha, positions_of
-from models.glmm_comparison import about_fixed_effects, check_comparable
+from models.glmm_comparison import about_fixed_effects, check_comparable, untestable
 from models.glmm_coordinates import Coordinates
 from models.glmm_data import Array
 from models.glmm_input import per_row, unwrapped
-from models.glmm_notes import Note
 from models.glmm_prediction import design_of, offset_of
 from models.glmm_slope_effects import averaged_probabilities, natural_parameters
 from models.glmm_slope_likelihood import SlopeLikelihood
-from models.glmm_summary import WIDTH, shown
-from models.glmm_warnings import BoundaryWarning, ConvergenceWarning, SeveralMaximaWarning
+from models.glmm_slope_summary import slope_notes, slope_summary
+from models.glmm_table import table_of
 
 if TYPE_CHECKING:
-    from models.glmm_slope import LogisticSlopeModel, SlopeMaximum
+    from models.glmm_escape import Escape
+    from models.glmm_slope import LogisticSlopeModel
+    from models.glmm_slope_search import SlopeMaximum
 
 SINGULAR = 1e-3
 """Standard deviation of a combination of effects, in units of the logit, below which it is called zero."""
@@ -47,6 +47,8 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         Of the random effects.
     singular : bool
         Some combination of the random effects has no variance: a standard deviation of 0, or a correlation of 1.
+    escape : Escape
+        Which parameters have no finite estimate (separated data): NaN stands for their errors and intervals.
     notes : tuple of Note
     """
 
@@ -63,34 +65,66 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         smallest = np.linalg.svd(lower * size[:, None], compute_uv=False)[-1]
         self.singular = bool(smallest < SINGULAR)
         params, jacobian = natural_parameters(model, maximum.theta)
-        found = jacobian @ maximum.covariance @ jacobian.T
+        found = jacobian @ np.nan_to_num(maximum.covariance) @ jacobian.T
+        without = np.isnan(np.diag(maximum.covariance))
+        without[p:] = without[p:].any()  # a standard deviation has errors of several entries
+        found[without], found[:, without] = np.nan, np.nan
         if self.singular:
             found[p:], found[:, p:] = np.nan, np.nan
         self.has_offset = bool(model.offset.any())
         super().__init__(model, params, normalized_cov_params=found)
-        self.escape = _Nothing(len(params))
-        self.notes = self._notes()
+        self.escape: Escape = maximum.escape
+        self.notes = slope_notes(self)
 
     # -- estimates ---------------------------------------------------------------------------------
     @property
     def converged(self) -> bool:
-        """Whether a maximum was found."""
-        return self.maximum.converged
+        """Whether a maximum was found; not where a parameter runs off."""
+        return self.maximum.converged and not self.escape.any
 
     @property
     def comparable(self) -> bool:
-        """Whether `llf` may be compared."""
-        return self.converged
+        """Whether `llf` is the highest that the likelihood takes or tends to, so that it can be compared."""
+        return self.maximum.converged
 
     @property
     def llf(self) -> float:
-        """Laplace's log-likelihood, binomial coefficients included."""
+        """Laplace's log-likelihood, binomial coefficients included; what it rises to where parameters run off."""
         return self.maximum.value
 
     @property
     def fe_params(self) -> Array:
         """Fixed effects."""
         return np.asarray(self.params[: self.model.exog.shape[1]])
+
+    @property
+    def estimates(self) -> Array:
+        """`params`, but where a parameter runs to (infinity, or NaN) and not where the search for it stopped."""
+        out, unbounded = np.array(self.params, float), self.escape.unbounded
+        out[unbounded] = np.array([-np.inf, np.nan, np.inf])[self.escape.signs[unbounded] + 1]
+        return out
+
+    def cov_params(
+        self,
+        r_matrix: Any = None,
+        column: Any = None,
+        scale: Any = None,
+        cov_p: Any = None,
+        other: Any = None,
+        kind: str = "model",
+    ) -> Array:
+        """Covariance of the estimates, or of linear combinations of them (statsmodels' arguments).
+
+        Raises
+        ------
+        InputError
+            For another `kind` than "model".
+        """
+        if kind != "model":
+            raise located("kind", kind, "'model': random slopes have no other covariance")
+        if r_matrix is None or not self.escape.any:
+            return np.asarray(super().cov_params(r_matrix, column, scale, cov_p, other))
+        return self.escape.combinations(np.asarray(super().cov_params(scale=scale, cov_p=cov_p)), r_matrix, other)
 
     @cache_readonly
     def bse(self) -> Array:
@@ -132,9 +166,10 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
     def odds_ratios(self, alpha: float = 0.05) -> pd.DataFrame:
         """Odds ratios for one and the same group, with Wald intervals."""
         p = len(self.fe_params)
-        ends = np.exp(self.conf_int(alpha)[:p])
+        with np.errstate(over="ignore"):  # separated data: infinity is what is meant
+            ends, ratios = np.exp(self.conf_int(alpha)[:p]), np.exp(self.estimates[:p])
         columns = {
-            "odds ratio": np.exp(self.fe_params), "lower": ends[:, 0], "upper": ends[:, 1], "z": self.tvalues[:p],
+            "odds ratio": ratios, "lower": ends[:, 0], "upper": ends[:, 1], "z": self.tvalues[:p],
             "p": self.pvalues[:p],
         }  # fmt: skip
         return pd.DataFrame(columns, index=self.model.names[:p])
@@ -145,13 +180,27 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         return super().t_test(self._about_fixed(r_matrix), cov_p=cov_p, use_t=use_t)
 
     def wald_test(self, r_matrix: Any, *args: Any, **kwargs: Any) -> Any:
-        """Joint chi-square test of linear hypotheses about the fixed effects (statsmodels' arguments)."""
+        """Joint chi-square test of linear hypotheses about the fixed effects (statsmodels' arguments).
+
+        NaN where one of them is about a coefficient without a standard error.
+        """
         kwargs.setdefault("scalar", True)
-        return super().wald_test(self._about_fixed(r_matrix), *args, **kwargs)
+        r_matrix = self._about_fixed(r_matrix)
+        without = ~np.isfinite(np.diag(self.cov_params()))
+        if df := untestable(r_matrix, self.model.names, without):
+            nothing = {"chi2": np.nan, "statistic": np.nan}
+            return ContrastResults(df_denom=df, distribution="chi2", distargs=(df,), **nothing)
+        return super().wald_test(r_matrix, *args, **kwargs)
 
     def _about_fixed(self, r_matrix: Any) -> Any:
         """Contrasts of the fixed effects with zeros for all variance parameters."""
         p = len(self.fe_params)
+        given = np.asarray(r_matrix[0] if isinstance(r_matrix, tuple) else r_matrix)
+        if given.dtype.kind in "iufb" and given.shape[-1:] == (len(self.params),):
+            # One number for every parameter, as statsmodels makes its tests of terms.
+            if given[..., p:].any():
+                raise located("hypothesis", Phrase("one about a variance parameter"), "fixed effects only")
+            r_matrix = (given[..., :p], r_matrix[1]) if isinstance(r_matrix, tuple) else given[..., :p]
         found = about_fixed_effects(r_matrix, [*self.model.names[:p], self.model.names[p]])
         matrix, value = found if isinstance(found, tuple) else (found, None)
         if isinstance(matrix, (str, list)):
@@ -172,14 +221,16 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
             For other random effects (zero variances are on a boundary), other data, and what is not nested.
         """
         other = unwrapped(restricted)
-        if not isinstance(other, LogisticSlopeResults) or (
-            (self.model.effects, self.model.entries) != (other.model.effects, other.model.entries)
-        ):
-            wanted = "the same random effects: only fixed effects are tested"
+        wanted = "the same random effects: only fixed effects are tested"
+        if not isinstance(other, LogisticSlopeResults) or self.model.entries != other.model.entries:
             raise located("restricted model", Phrase("other random effects"), wanted)
-        first, second = (_AsIntercept(fit) for fit in (self, other))
-        check_comparable(first, second)  # type: ignore[arg-type]
-        if not (self.converged and other.converged):
+        check_comparable(self, other)
+        if not np.allclose(self.model.random, other.model.random, rtol=1e-9, atol=0.0):
+            found = "random effects of the same names and other values"
+            if self.model.effects != other.model.effects:
+                found = "other random effects"
+            raise located("restricted model", Phrase(found), wanted)
+        if not (self.comparable and other.comparable):
             raise located("models", Phrase("a fit without a maximum"), "fits that converged")
         big, small = self.model.exog, other.model.exog
         df = big.shape[1] - small.shape[1]
@@ -214,7 +265,7 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
             raise located("which", which, "'marginal', 'conditional' or 'linear'")
         if not transform:
             raise located("transform", transform, "True for marginal predictions, which need the random effects")
-        rows = exog if exog is None or isinstance(exog, pd.DataFrame) else pd.DataFrame(exog)
+        rows = None if exog is None else table_of(exog, "exog")
         z = self.model.random_columns(rows)
         return pd.Series(
             averaged_probabilities(eta, np.sqrt(np.einsum("jq,qr,jr->j", z, self.covariance, z))), index=index
@@ -256,6 +307,20 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         """
         raise located("get_prediction", Phrase("a fit with random slopes"), f"a random intercept: {ABSENT}")
 
+    @property
+    def node_check(self) -> Any:
+        """Not offered: there is one rule.
+
+        Raises
+        ------
+        InputError
+        """
+        raise located("node_check", Phrase("a fit with random slopes"), f"a random intercept: {ABSENT}")
+
+    def random_effects_interval(self, *args: Any, **kwargs: Any) -> Any:
+        """Not offered, and raises `InputError`: `random_effects` has the modes."""
+        raise located("random_effects_interval", Phrase("a fit with slopes"), f"a random intercept: {ABSENT}")
+
     def bootstrap(self, *args: Any, **kwargs: Any) -> Any:
         """Not offered: rows of a group are not independent.
 
@@ -275,69 +340,8 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         raise located("remove_data", Phrase("a fit with random slopes"), "a random intercept, or params kept alone")
 
     # -- words -------------------------------------------------------------------------------------
-    def _notes(self) -> tuple[Note, ...]:
-        notes: list[Note] = []
-        if not self.converged:
-            text = "no maximum found: the curvature where the searches ended is that of no maximum"
-            return (*notes, Note(ConvergenceWarning, text))
-        if self.singular:
-            effects = ", ".join(self.model.names[len(self.fe_params) :])
-            text = (
-                f"singular fit: some combination of the random effects of {self.model.group_name} has no variance "
-                f"({effects}): {', '.join(shown(v) for v in self.params[len(self.fe_params) :])}"
-            )
-            notes.append(Note(BoundaryWarning, text))
-        if max(self.maximum.ends) - min(self.maximum.ends) > 1e-4:
-            ends = ", ".join(f"{value:.4f}" for value in sorted(self.maximum.ends, reverse=True))
-            text = f"searches ended at log-likelihoods {ends}; the first is reported"
-            notes.append(Note(SeveralMaximaWarning, text))
-        return tuple(notes)
-
     def summary(self, alpha: float = 0.05, method: str = "wald", title: str | None = None) -> Any:
         """The fit on a screen, with its notes."""
-        model, ends = self.model, self.conf_int(alpha, method)
-        effects = "; ".join(", ".join(model.effects[i] for i in block) for block in model.blocks)
-        header = {
-            "Model:": "Logistic mixed model", "Outcome:": model.outcome_name,
-            "Rows:": f"{self.nobs}" + (f" ({model.n_dropped} dropped)" if model.n_dropped else ""),
-            "Groups:": f"{model.fixed.n_groups} ({model.group_name})", "Random effects:": effects,
-            "Log-likelihood:": f"{self.llf:.4f}", "AIC:": f"{self.aic:.4f}",
-            "BIC (log of rows):": f"{self.bic:.4f}",
-            "Quadrature:": "Laplace", "Converged:": str(self.converged) + (", singular" if self.singular else ""),
-        }  # fmt: skip
-        p = len(self.fe_params)
-        columns = {
-            "Coef.": self.params, "Std.Err.": self.bse, "z": self.tvalues, "P>|z|": self.pvalues,
-            f"[{alpha / 2:g}": ends[:, 0], f"{1 - alpha / 2:g}]": ends[:, 1],
-            "exp(Coef.)": np.append(np.exp(self.fe_params), np.full(len(self.params) - p, np.nan)),
-        }  # fmt: skip
-        table = pd.DataFrame(columns, index=model.names).map(shown)
-        table["P>|z|"] = ["" if np.isnan(p) else f"{p:.4f}" for p in self.pvalues]
-        summary = summary2.Summary()
-        summary.add_dict(header)
-        summary.add_df(table)
-        summary.add_title(title or "Logistic mixed model, random slopes")
-        summary.add_text("Intervals: Wald. exp(Coef.): odds ratios for one and the same group.")
-        summary.add_text("Laplace's approximation: with few binary outcomes a group it can be badly wrong.")
-        for note in self.notes:
-            for line in textwrap.wrap(f"{note.category.__name__}: {note.text}", WIDTH):
-                summary.add_text(line)
-        return summary
+        return slope_summary(self, alpha, method, title)
 
     summary2 = summary
-
-
-class _Nothing:
-    """No parameter runs off: what helpers for one intercept ask of a fit."""
-
-    any = False
-
-    def __init__(self, size: int) -> None:
-        self.unbounded = np.zeros(size, bool)
-
-
-class _AsIntercept:
-    """A fit as the comparison of data sees it."""
-
-    def __init__(self, results: LogisticSlopeResults) -> None:
-        self.model, self.maximum = results.model.fixed, results.maximum

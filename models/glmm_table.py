@@ -17,7 +17,7 @@ from models.glmm_offset import offset_values, split_offset
 
 def read_table(
     formula: Any, data: Any, given: dict[str, Any], subset: Any, missing: str
-) -> tuple[str, pd.DataFrame, dict[str, Any], int, str, str | None]:
+) -> tuple[str, pd.DataFrame, dict[str, Any], int, str, str | None, dict[str, int]]:
     """What a formula and a table come to before any engine sees them.
 
     Parameters
@@ -39,6 +39,8 @@ def read_table(
         Of the groups.
     offset : str or None
         The offset of the formula.
+    lost : dict of str to int
+        Rows left out in which the offset of the formula is no number though its columns have values.
 
     Raises
     ------
@@ -64,13 +66,22 @@ def read_table(
             arrays[key] = per_row(value, len(data), key)
     name = groups if isinstance(groups, str) else getattr(groups, "name", None) or "group"
     subset = check_subset(data, subset)
+    lost = {} if offset is None else _lost(offset, arrays["offset"], data, subset)
     data, arrays, n_given = select_rows(numeric_outcome(formula, data), arrays, subset, missing == "drop")
     if n_given and not len(data):
         beside = " or ".join(key for key, value in arrays.items() if value is not None)
         raise located(
             "data", Phrase(f"a missing value in every one of {n_given} rows, of {beside}"), "rows without any"
         )
-    return formula, data, arrays, n_given, str(name), offset
+    return formula, data, arrays, n_given, str(name), offset, lost
+
+
+def _lost(offset: str, values: Any, data: pd.DataFrame, subset: Any) -> dict[str, int]:
+    """Rows in which an offset is no number though all its columns have values, by the offset."""
+    used = [name for name in data.columns if is_used(name, offset)]
+    gaps = pd.Series(np.isnan(values) & data[used].notna().all(axis=1).to_numpy(), index=data.index)
+    number = int((gaps if subset is None else gaps.loc[subset]).sum())
+    return {f"offset({offset})": number} if number else {}
 
 
 def check_missing(missing: Any, allowed: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from models.errors import Phrase, located
 from models.glmm_data import Array
-from models.glmm_input import kept, unwrapped
+from models.glmm_input import kept, one_intercept, unwrapped
 from models.glmm_optimise import maximise
 from models.glmm_simulation import patterns_of, simulate_successes
 
@@ -77,6 +77,7 @@ def variance_test(results: Any, method: str = "chibar", draws: int = 499, seed: 
     """
     results = unwrapped(results)
     model, best = results.model, results.maximum
+    one_intercept(model, "variance_test")
     if results.escape.unbounded[-1]:
         raise located("variance_test", Phrase("a standard deviation that runs off"), "a fit with a maximum")
     exact = results.node_check.best_exact

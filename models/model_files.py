@@ -128,6 +128,9 @@ def read_json(path: str | Path) -> Any:
         raise InputError(
             f"{path}, line {error.lineno}, column {error.colno}: not valid JSON: {error.msg}"
         ) from None
+    except ValueError:
+        # What is valid JSON and still cannot be read: Python limits how long whole numbers may be.
+        raise InputError(f"{path}: holds a number of more digits than can be read") from None
 
 
 def write_bytes(path: str | Path, content: bytes | memoryview) -> None:

@@ -114,7 +114,8 @@ def round_course(played: RoundRecord, title: str = "", ax: Axes | None = None) -
     ax.set(xlabel="seconds", ylabel="tokens collected", title=title)
     ax.set_xlim(0, seconds[-1] * 1.22 if len(seconds) > 1 else 1)
     ax.set_ylim(bottom=0)
-    ax.set_xticks(np.arange(0, seconds[-1] + 1, 20))
+    # At the most seven labels, at round seconds.
+    ax.set_xticks(np.arange(0, seconds[-1] + 1, 20 * max(1, int(np.ceil(seconds[-1] / 120)))))
     return ax
 
 

@@ -19,7 +19,8 @@ def information_by_block(found: PartialInformation, *, title: str = "", ax: Axes
     """Draw one bar a block of the tables, the largest first, beside what perfect knowledge would be worth.
 
     Bars are the cross-fitted estimate with twice its standard error, diamonds the one that is scored on the draws
-    that the plans were chosen with. With too few draws there are diamonds only.
+    that the plans were chosen with. With too few draws there are diamonds only; where the draws are all that is
+    believed there is one exact number, a bar.
 
     Parameters
     ----------
@@ -36,15 +37,17 @@ def information_by_block(found: PartialInformation, *, title: str = "", ax: Axes
     se = np.array([np.nan_to_num(r.se) for r in rows])
     if told.any() or not known.any():
         ax.barh(at[told], worth[told], height=0.62, color=COLOURS[4], edgecolor=COLOURS[0], linewidth=0.8,
-                label="cross-fitted, ±2 standard errors", zorder=2)  # fmt: skip
-        ax.errorbar(worth[told], at[told], xerr=2 * se[told], linestyle="none", color=INK, capsize=2.5,
-                    elinewidth=1.0, zorder=3)  # fmt: skip
+                label="exact" if found.exact else "cross-fitted, ±2 standard errors", zorder=2)  # fmt: skip
     optimistic = np.array([r.in_sample for r in rows])
-    ax.plot(optimistic[known], at[known], "D", color=COLOURS[1], markersize=4.5, markeredgecolor="white",
-            markeredgewidth=0.6, label="scored on the draws that plans were chosen with", zorder=4)  # fmt: skip
+    if not found.exact:
+        if told.any() or not known.any():
+            ax.errorbar(worth[told], at[told], xerr=2 * se[told], linestyle="none", color=INK, capsize=2.5,
+                        elinewidth=1.0, zorder=3)  # fmt: skip
+        ax.plot(optimistic[known], at[known], "D", color=COLOURS[1], markersize=4.5, markeredgecolor="white",
+                markeredgewidth=0.6, label="scored on the draws that plans were chosen with", zorder=4)  # fmt: skip
     for i in at[~known]:
-        ax.annotate("held fixed", (0, i), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8,
-                    color=FAINT, style="italic")  # fmt: skip
+        ax.annotate("the same in all" if found.exact else "held fixed", (0, i), xytext=(4, 0),
+                    textcoords="offset points", va="center", fontsize=8, color=FAINT, style="italic")  # fmt: skip
     ax.axvline(found.perfect, color=INK, linewidth=1.2, linestyle=LINES[1], label="all tables (perfect knowledge)")
     widest = max(found.perfect, float(np.max(worth + 2 * se)), float(optimistic.max()))
     ax.set_xlim(0, 1.06 * widest if widest > 0 else 1.0)

@@ -12,14 +12,17 @@ import os
 import secrets
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from analysis.play.event_rows import flush
-from models.errors import InputError, Phrase, located
+from analysis.play.log_lock import LogLock
+from models.errors import located
 from models.model_files import write_bytes
 
 FILE = "people.jsonl"
+
+UNTRAPPED, TOO_LATE = "nobody trapped", "too late"
+"""Rounds in which what was to happen did not: nobody got trapped, or there was no time left to help."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,8 @@ class Journal:
 
     Parameters
     ----------
-    folder : path
-        Made if it is not there. One server at a time may use it.
+    lock : LogLock
+        Holds the folder that the file is in; whoever took it lets it go.
 
     Attributes
     ----------
@@ -58,37 +61,24 @@ class Journal:
     withdrawn : dict of int to str
         Rule that was promised to people who withdrew: whether their rounds are deleted or kept.
     finished : set of int
+    odd_rounds : dict of str to set of (int, int)
+        Participant and k of rounds that were `UNTRAPPED` or `TOO_LATE`.
 
     Raises
     ------
     InputError
-        If another server uses the folder, or a line is none of this file's.
+        If a line is none of this file's.
     """
 
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock: BinaryIO = (self.folder / ".lock").open("ab")
-        except OSError as error:
-            raise located(
-                str(self.folder), Phrase(error.strerror or "no folder"), "a folder to write into"
-            ) from None
-        _hold(self._lock, self.folder)
+    def __init__(self, lock: LogLock) -> None:
+        self.folder = lock.folder
         self.path = self.folder / FILE
         self.members: dict[str, Member] = {}
         self.withdrawn: dict[int, str] = {}
         self.finished: set[int] = set()
+        self.odd_rounds: dict[str, set[tuple[int, int]]] = {UNTRAPPED: set(), TOO_LATE: set()}
         if self.path.exists():
-            try:
-                self._read()
-            except BaseException:
-                self.close()
-                raise
-
-    def close(self) -> None:
-        """Let another server use the folder."""
-        self._lock.close()
+            self._read()
 
     def _read(self) -> None:
         content = self.path.read_bytes()
@@ -108,7 +98,9 @@ class Journal:
                     self.withdrawn[person] = str(entry["rule"])
                 elif event == "finished":
                     self.finished.add(person)
-            except (KeyError, TypeError, ValueError):
+                elif event in self.odd_rounds:
+                    self.odd_rounds[event].add((person, int(entry["k"])))
+            except (KeyError, TypeError, ValueError, RecursionError):
                 raise located(place, line, "a line as this server writes it") from None
         for person in self.withdrawn:
             self._forget_token(person)
@@ -131,6 +123,8 @@ class Journal:
         self._write({"event": event, "participant": participant, **details})
         if event == "finished":
             self.finished.add(participant)
+        elif event in self.odd_rounds:
+            self.odd_rounds[event].add((participant, details["k"]))
 
     def withdraw(self, participant: int, rounds: int, rule: str) -> None:
         """Remember that somebody withdrew after some rounds; their number is not given away again."""
@@ -152,6 +146,8 @@ class Journal:
         flush(self.path)
         flush(self.folder)
         self.finished.discard(participant)
+        for rounds in self.odd_rounds.values():
+            rounds.difference_update([entry for entry in rounds if entry[0] == participant])
         self._forget_token(participant)
 
     @property
@@ -175,16 +171,3 @@ class Journal:
 def digest(token: str) -> str:
     """What the file knows of a token: it has 192 random bits, so that its digest gives nothing away."""
     return hashlib.sha256(token.encode()).hexdigest()
-
-
-def _hold(lock: BinaryIO, folder: Path) -> None:
-    """Keep other servers away for as long as this process lives, however it ends."""
-    try:
-        import fcntl
-    except ImportError:  # no such locks on this system: there, one server a log is up to whoever starts it
-        return
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        lock.close()
-        raise InputError(f"{folder}: another server is writing there; wanted a log of its own for each") from None

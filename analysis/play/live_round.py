@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from analysis.play.journal import TOO_LATE, UNTRAPPED
+from analysis.play.settings import MODES
 from models.game.robot import RobotPlayer
 from models.game.round import Round
-from models.game.state import HUMAN, READY
+from models.game.state import CELL, HUMAN, PLAYERS, READY, TRAP_ROOM
+from models.protocol import MISSING, PUBLISHED
+
+_MODE_OF = {player: mode for mode, player in MODES.items()}
 
 
 class LiveRound:
@@ -21,7 +26,7 @@ class LiveRound:
     k : int
         Number of the round, from 0.
     action : str
-        The robot's.
+        The robot's, as its policy chose it.
 
     Attributes
     ----------
@@ -34,6 +39,7 @@ class LiveRound:
         self.robot = RobotPlayer()
         self.paused = False
         self._held = self._tapped = 0
+        self._no_time = False
 
     def key(self, move: int, pressed: bool) -> None:
         """Take in which direction is held now (0: none), and whether its key was pressed just now."""
@@ -49,24 +55,59 @@ class LiveRound:
         """Play a tenth of a second."""
         may_step = self.game.array[READY + HUMAN] <= self.game.tick
         move = self._tapped or self._held
+        free = not self.game.sprung
         self.game.step(move, self.robot.move(self.game))
         if may_step:
             self._tapped = 0
+        if free and self.game.sprung:
+            self._no_time = self._out_of_reach()
 
     @property
     def done(self) -> bool:
         """Whether the round is over."""
         return self.game.done
 
+    # -- what the log says -------------------------------------------------------------------------
+    @property
+    def odd(self) -> str:
+        """`UNTRAPPED` or `TOO_LATE` where what was to happen did not; empty otherwise.
+
+        Too late is a robot that was to help and had not done so when the round ended, and a human who could not
+        have been there by then even if there were no walls.
+        """
+        game = self.game
+        if not game.sprung:
+            return UNTRAPPED
+        robot_late = game.named == PLAYERS[HUMAN] and game.acts
+        return TOO_LATE if not game.helped and (robot_late or self._no_time) else ""
+
+    @property
+    def shown(self) -> str:
+        """The robot's action as the person saw it: no help or signal that there was no occasion or time for.
+
+        Beliefs move by what people experience, so this is what the log holds and what learning goes by.
+        """
+        unseen = self.odd == UNTRAPPED or (self.odd == TOO_LATE and self.game.named == PLAYERS[HUMAN])
+        return PUBLISHED.mode(_MODE_OF[self.game.named]).null_action if unseen else self.action
+
     @property
     def observation(self) -> str:
-        """What the log says of the response.
+        """The human's response.
 
-        Whoever never saw the robot trapped had no occasion to help: that is no refusal, but not recorded.
+        Whoever never saw the robot trapped, or could not get to it any more, did not refuse: that is not recorded.
         """
-        if self.game.response != "none" and not self.game.sprung:
-            return "missing"
-        return self.game.response
+        return MISSING if self.game.response != "none" and self.odd else self.game.response
+
+    def _out_of_reach(self) -> bool:
+        """Whether the robot was trapped just now and the round ends before the human could be in that room."""
+        game, array = self.game, self.game.array
+        if game.named == PLAYERS[HUMAN]:
+            return False
+        row, column = game.layout.cell(int(array[CELL + HUMAN]))
+        inside = game.layout.inside(int(array[TRAP_ROOM]) + 1)
+        steps = min(abs(row - r) + abs(column - c) for r, c in inside)
+        first = max(game.tick, int(array[READY + HUMAN]))
+        return first + (steps - 1) * game.parameters.human_step_ticks >= game.parameters.round_ticks
 
     # -- what the page is told ---------------------------------------------------------------------
     def start(self, of: int, countdown: float, tick_seconds: float) -> dict[str, Any]:

@@ -74,6 +74,10 @@ def parse(text: str) -> Message:
         # A truth value is no move, although Python takes it for a whole number.
         if type(content[name]) not in types:
             raise BadMessage(f"{name} of another type")
+    token = content.get("token")
+    if token is not None and not token.isascii():
+        # Tokens are letters and digits; half of a surrogate pair is not even text that can be encoded.
+        raise BadMessage("no such token")
     if kind == "key" and not 0 <= content["move"] < MOVES:
         raise BadMessage("no such move")
     return Message(**content)

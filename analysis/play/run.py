@@ -36,8 +36,10 @@ def check_installed() -> None:
         )
 
 
-def listen(host: str, port: int) -> socket.socket:
-    """Take the address, so that it is known before anything else is done; port 0 is any free one.
+def reserve(host: str, port: int) -> socket.socket:
+    """Take the address without answering there yet, so that browsers are told at once that nobody is there.
+
+    Port 0 is any free one.
 
     Raises
     ------
@@ -54,12 +56,29 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(address)
-        taken.listen(128)
     except OSError as error:
         taken.close()
-        found = Phrase(f"{host}, port {port}: {error.strerror}")
-        raise located("--port", found, "a free port of this machine") from None
+        raise _not_free(f"{host}, port {port}", error) from None
     return taken
+
+
+def open_port(taken: socket.socket) -> None:
+    """Answer at an address from `reserve`.
+
+    Raises
+    ------
+    InputError
+        If another server has begun to answer there in the meantime.
+    """
+    try:
+        taken.listen(128)
+    except OSError as error:
+        host, port, *_ = taken.getsockname()
+        raise _not_free(f"{host}, port {port}", error) from None
+
+
+def _not_free(address: str, error: OSError) -> InputError:
+    return located("--port", Phrase(f"{address}: {error.strerror}"), "a free port of this machine")
 
 
 def address_of(taken: socket.socket, host: str) -> str:
@@ -90,11 +109,16 @@ def serve(study: Study, taken: socket.socket, host: str, site: str | None, ready
     ----------
     study : Study
     taken : socket
-        From `listen`.
+        From `reserve`; it answers from now on.
     host, site : str
         As in `analysis.play.server.application`.
     ready : callable
         Called when pages are answered.
+
+    Raises
+    ------
+    InputError
+        If another server answers there by now.
     """
     import uvicorn
 
@@ -113,6 +137,7 @@ def serve(study: Study, taken: socket.socket, host: str, site: str | None, ready
         timeout_graceful_shutdown=3, lifespan="on",
     )  # fmt: skip
     try:
+        open_port(taken)
         Server(config).run(sockets=[taken])
     except KeyboardInterrupt:
         pass  # how a server is ended

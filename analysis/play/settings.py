@@ -31,8 +31,8 @@ CONSENT = """You are invited to take part in a study of how people and robots ac
 You will play {rounds} of a simple game, about {minutes} in all, next to a robot that a computer program steers.
 
 What is recorded: a number that stands for you, the keys you press while a round runs, what happens in the round,
-and when you agreed and finished. Your name, address, browser and network address are not recorded. Nothing is
-recorded before you agree.
+and the times at which you agreed, ended a round or left in the middle of one, and finished or withdrew. Your name,
+address, browser and network address are not recorded. Nothing is recorded before you agree.
 
 Taking part is voluntary. You can stop at any moment, without a reason, with the button “Withdraw” at the top of the
 page. {withdrawal} If you only close the page, the rounds you have finished are kept, and you can go on later with
@@ -169,7 +169,10 @@ class PlaySettings:
     def withdrawal_words(self) -> str:
         """The rule as people read it."""
         if self.withdrawal == DELETE:
-            return "If you withdraw, everything that was recorded of your rounds is deleted at once."
+            return (
+                "If you withdraw, everything that was recorded of your rounds is deleted at once; all that stays "
+                "is your number and after how many rounds you withdrew."
+            )
         return "If you withdraw, the rounds you have finished are kept without your name, and nothing is added."
 
     @property

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from analysis.play.event_rows import EventRows, Row, flush
-from analysis.play.journal import Journal, Member
+from analysis.play.journal import TOO_LATE, UNTRAPPED, Journal, Member
 from analysis.play.live_round import LiveRound
+from analysis.play.log_lock import LogLock
 from analysis.play.robot_mind import Decision, RobotMind
 from analysis.play.settings import DELETE, MODES, PlaySettings
 from models.game.record import record, write_records
@@ -53,7 +54,15 @@ class Study:
     ----------
     settings : PlaySettings
     out : path
-        The event log. Next to it a folder with the people and a record of every round (`folder_of`).
+        The event log. Next to it a folder with the people and a record of every round
+        (`analysis.play.log_lock.folder_of`).
+    lock : LogLock, optional
+        Of that log, where it was taken before; the study lets it go.
+
+    Attributes
+    ----------
+    played : int
+        Rounds that were finished since the server started.
 
     Raises
     ------
@@ -61,14 +70,15 @@ class Study:
         If the files belong to something else, or another server writes them.
     """
 
-    def __init__(self, settings: PlaySettings, out: str | Path) -> None:
+    def __init__(self, settings: PlaySettings, out: str | Path, lock: LogLock | None = None) -> None:
         self.settings, self.out = settings, Path(out)
-        self.folder = folder_of(out)
-        self.journal = Journal(self.folder)
+        self._lock = LogLock(out) if lock is None else lock
+        self.folder, self.played = self._lock.folder, 0
         try:
+            self.journal = Journal(self._lock)
             self.log = EventRows(out, settings.study)
         except BaseException:
-            self.journal.close()
+            self._lock.close()
             raise
         self._people: dict[int, Person] = {}
         # A server that was killed while it deleted somebody's rounds finishes that first.
@@ -78,7 +88,7 @@ class Study:
 
     def close(self) -> None:
         """Let another server go on with the files."""
-        self.journal.close()
+        self._lock.close()
 
     # -- people ------------------------------------------------------------------------------------
     def agree(self) -> tuple[str, Person]:
@@ -141,7 +151,7 @@ class Study:
         assert live.done
         collected = live.game.collected
         row = Row(
-            s.study, person.participant, person.member.condition, SEQUENCE, live.k, s.modes[live.k], live.action,
+            s.study, person.participant, person.member.condition, SEQUENCE, live.k, s.modes[live.k], live.shown,
             live.observation, sum(collected.values()), collected["human"], collected["robot"],
         )  # fmt: skip
         folder = self._records(person.participant)
@@ -152,8 +162,11 @@ class Study:
         flush(path)
         flush(folder)
         self.log.append(row)
+        self.played += 1
         person.live = None
         person.mind.observe(Decision(row.action, row.observation))
+        if live.odd:
+            self.journal.note(live.odd, person.participant, k=live.k, chosen=live.action)
         if live.k in person.mind.ignored:
             self.journal.note("response ignored", person.participant, k=live.k)
         if person.mind.gave_up:
@@ -187,17 +200,6 @@ class Study:
         return {
             "log": str(self.out), "records": str(self.folder), "people": len(rows),
             "rounds": sum(map(len, rows.values())), "finished": len(self.journal.finished),
-            "withdrawn": len(self.journal.withdrawn),
+            "withdrawn": len(self.journal.withdrawn), "untrapped": len(self.journal.odd_rounds[UNTRAPPED]),
+            "too_late": len(self.journal.odd_rounds[TOO_LATE]),
         }  # fmt: skip
-
-
-def folder_of(out: str | Path) -> Path:
-    """The folder next to a log.
-
-    Examples
-    --------
-    >>> folder_of("study.csv").name
-    'study_rounds'
-    """
-    out = Path(out)
-    return out.with_name(f"{out.name.removesuffix('.csv')}_rounds")

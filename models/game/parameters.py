@@ -94,14 +94,14 @@ class GameParameters:
         Naming the parameter, its value and what it may be.
     """
 
-    round_ticks: int = 1100
+    round_ticks: int = 1730
     human_step_ticks: int = 5
     robot_step_ticks: int = 5
     trap_tick: int = 200
     robot_help_delay: int = 50
     clear_trapped_room: bool = True
     human_wander: float = 0.1
-    human_lapse: float = 0.01
+    human_lapse: float = 0.45
     human_lapse_ticks: int = 10
     human_notice_ticks: int = 15
     human_notice_spread: int = 30

@@ -1,12 +1,14 @@
 """Records of rounds: what a round was given and both players' moves, as JSON lines, replayed exactly.
 
 A round is a function of map, parameters, who is trapped, what the robot does, the seed and the moves; so that is
-what a record holds. What came of it is written beside, and a replay that ends otherwise is refused: it would
-mean that the record was changed or that the rules are not those it was made with.
+what a record holds. What came of it is written beside, and a replay that ends otherwise is refused: the rules are
+not those it was made with. A digest of all that stands in a line tells whether it was changed, also where that
+makes no difference to the replay; it is no signature, since whoever changes a line can make the digest anew.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -25,7 +27,8 @@ from models.game.state import COUNT, FREED_TICK, MOVES, PLAYERS, ROBOT, TRAP_TIC
 from models.model_files import write_text
 
 FORMAT = "prosocial-round"
-VERSION = 1
+VERSION = 2
+"""1 had no digest."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,12 @@ class RoundRecord:
     # -- files -------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
         """Plain content of one line; moves as runs of ``[ticks, human, robot]``."""
-        return {
+        content = {
             "format": FORMAT, "version": VERSION, "map": self.layout.name, "lines": list(self.layout.lines),
             "parameters": self.parameters.to_dict(), "trapped": self.trapped, "acts": self.acts, "seed": self.seed,
             "inputs": _runs(self.inputs), "outcome": dict(self.outcome),
         }  # fmt: skip
+        return {**content, "digest": content_digest(content)}
 
     @classmethod
     def from_dict(cls, content: object, place: str = "round record") -> RoundRecord:
@@ -74,14 +78,15 @@ class RoundRecord:
         Raises
         ------
         InputError
-            Naming what is missing or unusable.
+            Naming what is missing, unusable or changed.
         """
         if not isinstance(content, Mapping):
             raise located(place, content, "an object")
         if content.get("format") != FORMAT:
             raise located(f"{place}, format", content.get("format"), repr(FORMAT))
-        if content.get("version") != VERSION:
-            raise located(f"{place}, version", content.get("version"), str(VERSION))
+        version = content.get("version")
+        if type(version) is not int or version != VERSION:
+            raise located(f"{place}, version", version, str(VERSION))
         name, lines = content.get("map"), content.get("lines")
         if not isinstance(name, str):
             raise located(f"{place}, map", name, "a name")
@@ -96,7 +101,16 @@ class RoundRecord:
             raise located(f"{place}, acts", acts, "true or false")
         seed = check_seed(content.get("seed"), f"{place}, seed")
         inputs = _moves(content.get("inputs"), parameters.round_ticks, f"{place}, inputs")
-        return cls(layout, parameters, trapped, acts, seed, inputs, _outcome(content.get("outcome"), place))
+        outcome = _outcome(content.get("outcome"), place)
+        try:
+            digest = content_digest(content)
+        except RecursionError:
+            raise InputError(f"{place}: JSON nested too deeply to be read") from None
+        if content.get("digest") != digest:
+            raise located(
+                f"{place}, digest", content.get("digest"), f"{digest}, that of this line: the record was changed"
+            )
+        return cls(layout, parameters, trapped, acts, seed, inputs, outcome)
 
 
 def record(game: Round) -> RoundRecord:
@@ -104,6 +118,12 @@ def record(game: Round) -> RoundRecord:
     return RoundRecord(
         game.layout, game.parameters, game.named, game.acts, game.seed, game.inputs, _outcome_of(game)
     )
+
+
+def content_digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of all entries of a line but the digest, whatever their order."""
+    rest = {name: value for name, value in content.items() if name != "digest"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def replay(played: RoundRecord, place: str = "round record") -> Iterator[GameState]:
@@ -130,7 +150,7 @@ def replayed(played: RoundRecord, place: str = "round record") -> Iterator[Round
         if played.outcome[name] != value:
             raise located(
                 f"{place}, outcome, {name}", played.outcome[name],
-                f"{value}, which these moves lead to: the record was changed, or made with other rules",
+                f"{value}, which these moves lead to: the record was made with other rules, or forged",
             )  # fmt: skip
 
 
@@ -162,6 +182,8 @@ def read_records(path: str | Path) -> list[RoundRecord]:
                 content = json.loads(line)
             except (json.JSONDecodeError, RecursionError) as error:
                 raise InputError(f"{place}: not valid JSON: {error}") from None
+            except ValueError:
+                raise InputError(f"{place}: holds a number of more digits than can be read") from None
             out.append(RoundRecord.from_dict(content, place))
     return out
 

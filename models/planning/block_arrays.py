@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.problem import Problem
+from models.planning.problem import Choice, Problem
 
 
 def block_arrays(problem: Problem, label: Index, members: tuple[Index, ...]) -> ProblemArrays:
@@ -92,6 +93,14 @@ def _steps(problem: Problem, label: Index, place: Index, members: tuple[Index, .
     return _Steps(branch[order], row[order], column[order], value[order])
 
 
+def ends(choice: Choice) -> NDArray[np.bool_]:
+    """Which states the one branch of an action leads to, from any state."""
+    table = choice.branches[0].transition
+    reached = np.zeros(table.shape[1], dtype=bool)
+    reached[table.indices[table.data > 0]] = True
+    return reached
+
+
 class _Shown(NamedTuple):
     """Emission tables, one for every action and block, numbered ``action * blocks + block``.
 
@@ -115,12 +124,13 @@ class _Shown(NamedTuple):
 
 
 def _shown(problem: Problem, label: Index, place: Index, size: Index) -> _Shown:
+    """Emissions of the states that an action reaches: others may show what tells another block."""
     choices, n_blocks, n_seen = problem.choices[0], len(size), len(problem.observations)
     tables, states, observations, values = [], [], [], []
     for a, choice in enumerate(choices):
         emission = sparse.csr_array(choice.branches[0].emission)
         state = np.repeat(np.arange(emission.shape[0]), np.diff(emission.indptr))
-        kept = emission.data > 0
+        kept = (emission.data > 0) & ends(choice)[state]
         tables.append(a * n_blocks + label[state[kept]])
         states.append(place[state[kept]])
         observations.append(np.asarray(choice.branches[0].observations)[emission.indices[kept]])

@@ -19,8 +19,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from models.errors import Phrase, located
+from models.errors import InputError, Phrase, located
 from models.planning.belief_model import BeliefModel
+from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Index, Policy, Vocabulary
 from models.planning.problem import Problem
 
@@ -171,13 +172,25 @@ def _explore(policy: Policy, truth: BeliefModel, problem: Problem) -> tuple[dict
         for c, share in enumerate(policy.probabilities(memory)):
             if share > 0:
                 after = [
-                    (z, number(policy.observe(memory, c, z.observation, z.mode)))
+                    (z, number(_moved_on(policy, memory, c, z.observation, z.mode)))
                     for z in truth.outcomes[x][c]
                     if z.value.any()
                 ]
                 own.append((float(share), c, after))
         edges.append(own)
     return numbers, nodes, edges
+
+
+def _moved_on(policy: Policy, memory: Any, choice: int, observation: int, mode: int) -> Any:
+    """The memory after an outcome that has a probability in some hidden state; a belief may rule that state out."""
+    try:
+        return policy.observe(memory, choice, observation, mode)
+    except InputError as error:
+        if not isinstance(policy, BeliefPolicy):
+            raise
+        found = Phrase("beliefs, which rule out hidden states")
+        wanted = "a finite memory; simulate it instead, or compile it to a controller"
+        raise located(f"policy {policy.name}, memory", found, wanted) from error
 
 
 def _solve(step: Any, known: Array, discount: float) -> tuple[Array, float]:

@@ -140,8 +140,12 @@ class LatentBatch:
 
     @cached_property
     def template(self) -> ProblemArrays:
-        """Arrays of draw 0, zeros stored: only `value` differs between draws."""
-        return arrays_of(self._draw(0))
+        """Arrays of draw 0, zeros stored: only `value` and `least` differ between draws.
+
+        Sizes of values are those over all states, as rewards are: what draw 0 comes to says nothing of the others.
+        """
+        first = self._draw(0)
+        return arrays_of(first.started([np.full(len(s), 1 / (first.n_modes * len(s))) for s in first.states]))
 
     def _draw(self, d: int) -> Problem:
         draws = self.draws
@@ -182,7 +186,8 @@ class LatentBatch:
         alike = np.ones(len(self), dtype=bool)
         for entries in (self.draws.initial, self.values):
             alike &= ((entries > 0) == (entries[0] > 0)).all(axis=1)
-        return np.array([self.template.least if alike[d] else self.problem(d).least_size for d in range(len(self))])
+        first = self._draw(0).least_size
+        return np.array([first if alike[d] else self.problem(d).least_size for d in range(len(self))])
 
     def arrays(self, d: int) -> ProblemArrays:
         """Arrays of one draw."""

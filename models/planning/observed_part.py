@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from models.planning.arrays import Array, Index, ProblemArrays
-from models.planning.block_arrays import block_arrays
+from models.planning.block_arrays import block_arrays, ends
 from models.planning.problem import Problem
 
 
@@ -81,11 +81,8 @@ def _blocks(problem: Problem) -> Index:
     n = problem.n_states
     rows, columns, width = [], [], 0
     for a, choice in enumerate(problem.choices[0]):
-        reached = np.zeros(n, dtype=bool)
-        table = choice.branches[0].transition
-        reached[table.indices[table.data > 0]] = True
         shown = _emission(problem, a).tocoo()
-        kept = reached[shown.row] & (shown.data > 0)
+        kept = ends(choice)[shown.row] & (shown.data > 0)
         rows.append(shown.row[kept])
         columns.append(shown.col[kept] + n + width)
         width += shown.shape[1]

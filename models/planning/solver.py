@@ -26,7 +26,7 @@ from models.planning.solution import Solution, Status, TracePoint
 from models.planning.time_watch import TimeWatch
 from models.planning.trial_search import TrialSearch
 from models.planning.vectors import Vectors, copied_vectors, empty_vectors, evaluate_graph, keep_useful
-from models.planning.within_reach import beyond_reach, within_reach
+from models.planning.within_reach import WORK, beyond_reach, within_reach
 from models.work_clock import WorkClock
 
 GRID_STATES = 12
@@ -125,9 +125,10 @@ def solve(
                 done = search.step(precision, relative)
                 if best is None or search.lower > best.lower:
                     best = search
+                before = upper
                 lower, upper = max(lower, search.lower), min(upper, search.upper)
-                if lower > upper:
-                    upper = touching(problem.name, lower, upper, arrays.largest)
+                if lower > upper:  # one number for both, at which neither goes back on what it said
+                    lower = upper = min(touching(problem.name, lower, upper, arrays.largest), before)
                 vectors = int(search.vectors.counts[0])
                 point = TracePoint(clock.wall(), lower, upper, search.name, search.beliefs, vectors)
                 trace.append(point)
@@ -148,11 +149,12 @@ def solve(
         lower, upper, kept = at_once(whole)
         beliefs = 0
     else:
-        found = best.vectors if part is None else _of_the_whole(part, arrays, whole, best.vectors)
-        if tamed:
-            beyond_reach(problem, whole, found)
-        # In terms of blocks they are tidy already; on all states comparing them may take longer than the rest.
-        kept, beliefs = (tidied if part is None else in_use)(whole, found), best.beliefs
+        beliefs = best.beliefs
+        try:
+            kept = _in_order(problem, part, arrays, whole, best.vectors, tamed)
+        except KeyboardInterrupt:
+            status = "interrupted"
+            kept = _in_order(problem, part, arrays, whole, best.vectors, tamed, hurry=True)
     return Solution(
         problem, lower, upper, status, precision, relative, clock.wall(), clock.compile_seconds, *kept, beliefs,
         tuple(trace),
@@ -168,7 +170,25 @@ def _starts(problem: Problem, part: ObservedPart | None, width: int) -> tuple[In
     return np.array([x for x, _, _ in starts], dtype=np.int64), beliefs, np.array([p for _, p, _ in starts])
 
 
-def _of_the_whole(part: ObservedPart, arrays: ProblemArrays, whole: ProblemArrays, inner: Vectors) -> Vectors:
+def _in_order(
+    problem: Problem, part: ObservedPart | None, arrays: ProblemArrays, whole: ProblemArrays, vectors: Vectors,
+    tamed: bool, hurry: bool = False,
+) -> tuple[Array, Index, Index, NDArray[np.int32]]:  # fmt: skip
+    """What a search found as it is passed on; done again after Ctrl-C in the middle of it, without courtesies."""
+    if part is None:
+        # First, as there are fewer vectors to be valued then; out of reach it matters to nobody which are left.
+        keep_useful(vectors, arrays, np.ones(int(vectors.counts[0]), dtype=np.bool_))
+    else:
+        # In terms of blocks they are tidied; on all states comparing them may take longer than the rest.
+        vectors = _of_the_whole(part, arrays, whole, vectors, 0.0 if hurry else COURTESY)
+    if tamed:
+        beyond_reach(problem, whole, vectors, 0.0 if hurry else WORK)
+    return _copied(whole, vectors)
+
+
+def _of_the_whole(
+    part: ObservedPart, arrays: ProblemArrays, whole: ProblemArrays, inner: Vectors, courtesy: float
+) -> Vectors:
     """Vectors of a problem in terms of blocks as those of the problem without them, valued on all states.
 
     Off its own block a vector begins at the least there can be; on it, it is worth what it was.
@@ -192,7 +212,7 @@ def _of_the_whole(part: ObservedPart, arrays: ProblemArrays, whole: ProblemArray
         seen = arrays.outcome_observation[arrays.choice_outcome[c] : arrays.choice_outcome[c + 1]]
         vectors.follow[i, place[choice[i], seen]] = follow[i, : len(seen)]
     # Off its block nobody asks a vector that has others there; a look ahead is a courtesy.
-    if n * (len(whole.value) + len(whole.seen_value)) < COURTESY:
+    if n * (len(whole.value) + len(whole.seen_value)) < courtesy:
         evaluate_graph(whole, vectors, 0.0, 2)
     return vectors
 
@@ -265,12 +285,11 @@ def warm_vectors(arrays: ProblemArrays, solution: Solution) -> Vectors:
 def tidied(arrays: ProblemArrays, vectors: Vectors) -> tuple[Array, Index, Index, NDArray[np.int32]]:
     """Vectors without dominated ones: values, modes, choices counted within the mode, followers."""
     keep_useful(vectors, arrays, np.ones(int(vectors.counts[0]), dtype=np.bool_))
-    alpha, mode, choice, follow = in_use(arrays, vectors)
-    return alpha.copy(), mode.copy(), choice, follow.copy()
+    return _copied(arrays, vectors)
 
 
-def in_use(arrays: ProblemArrays, vectors: Vectors) -> tuple[Array, Index, Index, NDArray[np.int32]]:
+def _copied(arrays: ProblemArrays, vectors: Vectors) -> tuple[Array, Index, Index, NDArray[np.int32]]:
     """Vectors as they are: values, modes, choices counted within the mode, followers."""
     n = int(vectors.counts[0])
-    mode = vectors.mode[:n]
-    return vectors.alpha[:n], mode, vectors.choice[:n] - arrays.mode_choice[mode], vectors.follow[:n]
+    mode = vectors.mode[:n].copy()
+    return vectors.alpha[:n].copy(), mode, vectors.choice[:n] - arrays.mode_choice[mode], vectors.follow[:n].copy()

@@ -13,8 +13,8 @@ from models.planning.problem import Problem
 from models.planning.reachable import reachable_states
 from models.planning.vectors import Vectors, evaluate_closed
 
-WORK = 3e8
-"""Multiplications that values beyond reach are worth."""
+WORK = 1e8
+"""Multiplications that values beyond reach are worth, once the search is over."""
 
 
 def within_reach(arrays: ProblemArrays, problem: Problem) -> tuple[ProblemArrays, bool]:
@@ -30,7 +30,7 @@ def within_reach(arrays: ProblemArrays, problem: Problem) -> tuple[ProblemArrays
     return arrays._replace(reward=tamed), True
 
 
-def beyond_reach(problem: Problem, arrays: ProblemArrays, vectors: Vectors) -> None:
+def beyond_reach(problem: Problem, arrays: ProblemArrays, vectors: Vectors, work: float = WORK) -> None:
     """Value a policy graph anew in the states that the problem cannot come to, with the rewards they have.
 
     Parameters
@@ -40,13 +40,17 @@ def beyond_reach(problem: Problem, arrays: ProblemArrays, vectors: Vectors) -> N
         With all rewards as they are.
     vectors : Vectors
         Changed in place: worth what they say within reach, anything elsewhere.
+    work : float
+        Multiplications at most; where they are too few for a sweep, vectors say the least there can be.
     """
     n = int(vectors.counts[0])
-    before = vectors.alpha[:n].copy()
     lowest = float(arrays.reward.min()) / (1 - arrays.discount)
-    vectors.alpha[:n] = lowest
-    sweeps = int(min(1000.0, max(10.0, WORK / (n * (1.0 + len(arrays.value) + len(arrays.seen_value))))))
-    evaluate_closed(arrays, vectors, 0, 1e-9 * abs(lowest), sweeps)
+    anew = vectors._replace(alpha=np.full_like(vectors.alpha[:n], lowest))
+    # A vector takes one of the choices.
+    entries = (len(arrays.value) + len(arrays.seen_value)) / len(arrays.reward)
+    sweeps = int(min(1000.0, work / (n * (1.0 + entries))))
+    if sweeps > 0:
+        evaluate_closed(arrays, anew, 0, 1e-9 * abs(lowest), sweeps)
     for x, met in enumerate(reachable_states(problem)):
-        of_mode = np.flatnonzero(vectors.mode[:n] == x)
-        vectors.alpha[np.ix_(of_mode, np.flatnonzero(met))] = before[np.ix_(of_mode, np.flatnonzero(met))]
+        not_met = np.ix_(np.flatnonzero(vectors.mode[:n] == x), np.flatnonzero(~met))
+        vectors.alpha[not_met] = anew.alpha[not_met]

@@ -48,6 +48,21 @@ def block_names(protocol: Protocol) -> tuple[str, ...]:
     return (*moves, "emission", *(shown if len(shown) > 1 else ()), "initial")
 
 
+def parts_of(protocol: Protocol, name: str) -> tuple[str, ...]:
+    """The blocks that a block is made of; none if it is of one action or the initial belief.
+
+    Examples
+    --------
+    >>> from models.protocol import PUBLISHED
+    >>> parts_of(PUBLISHED, "emission"), parts_of(PUBLISHED, "initial")
+    (('emission[no_signal]', 'emission[signal]'), ())
+    """
+    if name not in ("transition", "emission"):
+        return ()
+    actions = protocol.action_names if name == "transition" else protocol.emission_actions
+    return tuple(f"{name}[{a}]" for a in actions)
+
+
 def block_words(name: str) -> str:
     """A block as it is spoken of.
 
@@ -81,6 +96,36 @@ def block_features(draws: ModelDraws, groups: DrawGroups, name: str) -> Array:
     InputError
         If there is no such block.
     """
+    free = _free(draws, name)
+    first, last = free[:: groups.kinds], free[groups.kinds - 1 :: groups.kinds]
+    both = first if np.array_equal(first, last) else np.hstack([first, last])
+    return np.ascontiguousarray(both[:, np.ptp(both, axis=0) > VARIES])
+
+
+def equal_blocks(draws: ModelDraws, groups: DrawGroups, name: str) -> NDArray[np.int64]:
+    """Which draws have the same block, for all kinds of people: a number each, shape ``[u]``.
+
+    Parameters
+    ----------
+    draws, groups, name
+        As for `block_features`.
+
+    Raises
+    ------
+    InputError
+        If there is no such block.
+    """
+    values = _free(draws, name).reshape(len(groups), -1)
+    order = np.argsort(values, axis=0, kind="stable")
+    # Probabilities are equal if no step between them, in order of size, is more than rounding.
+    steps = np.diff(np.take_along_axis(values, order, axis=0), axis=0) > VARIES
+    number = np.zeros(values.shape, dtype=np.int64)
+    np.put_along_axis(number, order[1:], np.cumsum(steps, axis=0), axis=0)
+    return np.asarray(np.unique(number, axis=0, return_inverse=True)[1]).ravel()
+
+
+def _free(draws: ModelDraws, name: str) -> Array:
+    """A block's probabilities but the last of each distribution, shape ``[d, f]``."""
     known = (
         *block_names(draws.protocol),
         "transition",
@@ -95,10 +140,7 @@ def block_features(draws: ModelDraws, groups: DrawGroups, name: str) -> Array:
             draws.protocol.action_names if table == "transition" else draws.protocol.emission_actions
         )
         values = values[:, names.index(action)]
-    free = values[..., :-1].reshape(draws.n_draws, -1)
-    first, last = free[:: groups.kinds], free[groups.kinds - 1 :: groups.kinds]
-    both = first if np.array_equal(first, last) else np.hstack([first, last])
-    return np.ascontiguousarray(both[:, np.ptp(both, axis=0) > VARIES])
+    return np.ascontiguousarray(values[..., :-1].reshape(draws.n_draws, -1))
 
 
 @dataclass(frozen=True)

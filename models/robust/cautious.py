@@ -9,7 +9,7 @@ criterion of the mixture, from above :math:`\max_\pi \sum_i q_i X_i(\pi)` for we
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -98,21 +98,6 @@ class CautiousPlan:
     def deterministic(self) -> bool:
         """Whether one plan is always followed."""
         return len(self.plans) == 1
-
-    def best_single(self) -> tuple[Decisions, float]:
-        """The best plan among those looked at that does not randomise, and its criterion."""
-        worth = [self.risk.lowest(v - self.reference)[0] for v in self.groups.mean(self.table.values)]
-        best = int(np.argmax(worth))
-        return self.table.plans[best], worth[best]
-
-    def without_lots(self) -> CautiousPlan:
-        """The best single plan among those looked at, for who will not draw lots.
-
-        It keeps the bound that holds for all policies, so its gap is what drawing lots could gain at most.
-        """
-        plan, worth = self.best_single()
-        values = self.groups.mean(self.table.values[self.table.row(plan)])
-        return replace(self, plans=(plan,), share=np.ones(1), values=values, lower=worth)
 
     def rows(self) -> list[dict[str, Any]]:
         """The mixture readable: each plan's share, and what it does at each event after which responses."""

@@ -42,20 +42,25 @@ class Flip:
         The costs there, in reward units.
     action : str
         What is best below the flip point (or everywhere).
+    event : int
+        From 0: the event at which the schedule is taken to begin, so that this decision is the first one.
     """
 
     mode: str
     multiple: float | None
     costs: dict[str, float]
     action: str
+    event: int = 0
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
+        # A plan that has seen earlier events may do something else here, and no word may sound as if it could not.
+        where = f", were the schedule to begin with event {self.event + 1}" if self.event else ""
         if self.multiple is None:
-            return f"{self.mode}: {self.action} comes first at every multiple of these costs."
+            return f"{self.mode}{where}: {self.action} comes first at every multiple of these costs."
         at = ", ".join(f"{a} {c:.3g}" for a, c in self.costs.items() if c != 0)
-        return f"{self.mode}: {self.action} comes first up to a cost of {at}, not beyond."
+        return f"{self.mode}{where}: {self.action} comes first up to a cost of {at}, not beyond."
 
 
 def flip_points(schedule: Schedule) -> tuple[Flip, ...]:
@@ -70,7 +75,7 @@ def flip_points(schedule: Schedule) -> tuple[Flip, ...]:
     out = []
     for m in dict.fromkeys(schedule.modes):
         k = schedule.modes.index(m)
-        out.append(_flip(replace(schedule, modes=schedule.modes[k:]), m))
+        out.append(replace(_flip(replace(schedule, modes=schedule.modes[k:]), m), event=k))
     return tuple(out)
 
 
@@ -103,7 +108,7 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
                 continue
             others = {a: c for n, own in costs.items() if n != m for a, c in own.items()}
             from_there = replace(with_costs(schedule, others), modes=schedule.modes[schedule.modes.index(m) :])
-            flips[m] = flip = _flip(from_there, m, near.get(m))
+            flips[m] = flip = replace(_flip(from_there, m, near.get(m)), event=schedule.modes.index(m))
             if flip.multiple is None:
                 settled[m] = True
                 moved = np.inf if m in costs else moved

@@ -24,6 +24,9 @@ from models.robust.belief_stability import UNDECIDED, BeliefStability, belief_st
 POSSIBLE = 1e-12
 """Histories less probable than that are left out."""
 
+ROUNDING = 1e-9
+"""A share of percents below this is rounding."""
+
 LIKELY = 0.01
 """Histories less probable than that are not looked at for the most divided one."""
 
@@ -104,7 +107,7 @@ class HistoryStability:
             rows.append(
                 {
                     "event": e.event + 1, "mode": e.stability.mode,
-                    "prefer": ", ".join(f"{a} {v:.0%}" for a, v in e.mean_shares.items()),
+                    "prefer": _in_percent(e.mean_shares),
                     "lose": ", ".join(f"{a} {v:.2g}" for a, v in losses.items()),
                     "histories": len(e.histories),
                 }
@@ -113,14 +116,17 @@ class HistoryStability:
 
     @property
     def most_divided(self) -> tuple[EventStability, int]:
-        """Event, and number of the history there, of those likely to come up at which draws agree least."""
+        """Event, and number of the history there, of those likely to come up at which draws agree least.
+
+        Undecided draws go with any other; of equals it is the one where the best action for all loses most.
+        """
         found = [
-            (float(e.stability.leaning[g].max()), k, g)
+            (float(e.stability.share[g].max() + e.stability.undecided[g]), -float(e.stability.loss[g].min()), k, g)
             for k, e in enumerate(self.events)
             for g in range(len(e.histories))
             if e.probability[g] >= LIKELY
         ]
-        _, k, g = min(found)
+        *_, k, g = min(found)
         return self.events[k], g
 
     @property
@@ -129,12 +135,21 @@ class HistoryStability:
         event, g = self.most_divided
         s = event.stability
         after = f" after {', '.join(event.histories[g])}" if event.histories[g] else ""
-        shares = ", ".join(f"{a} {v:.0%}" for a, v in s.shares(g).items())
+        shares = _in_percent(s.shares(g))
         losses = ", ".join(f"{a} {v:.2g}" for a, v in s.losses(g).items())
         return (
             f"Without an end, along {self.letters} with {self.policy}, at {s.whose}: the draws are most divided at "
             f"event {event.event + 1} ({s.mode}){after}: {shares}; what each loses on average: {losses}."
         )
+
+
+def _in_percent(shares: Mapping[str, float]) -> str:
+    """Shares in whole percents that sum to a hundred: the largest remainders are rounded up."""
+    values = 100 * np.array(list(shares.values()))
+    whole = np.floor(values + ROUNDING)
+    up = np.argsort(whole - values, kind="stable")[: round(float(values.sum() - whole.sum()))]
+    whole[up] += 1
+    return ", ".join(f"{name} {v:.0f}%" for name, v in zip(shares, whole, strict=True))
 
 
 def history_stability(

@@ -12,8 +12,14 @@ slices of the draws along the block and of the cells that matter. Two numbers co
 - *cross-fitted*: the rule from block to plan is made without a part of the draws and scored on that part. This is
   an honest value of one rule that could be used, so it tends to be too low, and it has a standard error.
 
-The truth should lie between them, up to that error. The plain regression estimate is reported beside them. Of a
-sample of fewer than a hundred draws the cross-fitted number would be luck, so there is none.
+The truth should lie between them, up to that error. Who knows a block knows its parts, so a block is offered the
+rules of its parts: in each part of the draws the rule that does best in the others. The plain regression estimate
+is reported beside them. Of a sample of fewer than a hundred draws the cross-fitted number would be luck, so there
+is none.
+
+A list of weighted models is no sample: it is all that is believed. Being told the block leaves the models that have
+this block, so the draws are put into cells by equal blocks, each with its own best plan, and the worth is exact. A
+block that differs in every model is worth as much as perfect knowledge.
 """
 
 from __future__ import annotations
@@ -28,13 +34,13 @@ from numpy.typing import NDArray
 from models.errors import Phrase, located
 from models.planning.exact import Decisions
 from models.planning.schedule import Array, Schedule
-from models.robust.block_smoother import Smoother, Terms, block_features, block_names
+from models.robust.block_smoother import Smoother, Terms, block_features, block_names, equal_blocks, parts_of
 from models.robust.block_worth import FEWEST_DRAWS, BlockWorth, PartialInformation
 from models.robust.draw_error import check_chains, draw_mean
 from models.robust.draw_groups import DrawGroups
 from models.robust.information import PerfectInformation, beyond_rounding, perfect_information
-from models.robust.own_plans import own_plans
-from models.robust.plan_table import PlanTable
+from models.robust.own_plans import OwnPlans, own_plans
+from models.robust.plan_table import BestPlans, PlanTable, plan_key
 from models.spread_out import spread_out
 
 __all__ = ["BlockWorth", "PartialInformation", "partial_information"]
@@ -115,36 +121,97 @@ def partial_information(
     if isinstance(folds, bool) or not isinstance(folds, int | np.integer) or folds < 2:
         raise located("folds", folds, "an integer of at least 2")
     names = block_names(schedule.protocol) if blocks is None else tuple(blocks)
-    features = [block_features(schedule.draws, groups, name) for name in names]
+    # Parts of the blocks are worked on too, asked for or not, for what is said of a block must not depend on that.
+    every_name = dict.fromkeys([*names, *(p for name in names for p in parts_of(schedule.protocol, name))])
+    if not known.sampled:
+        every_name = dict.fromkeys(names)
+    features = [block_features(schedule.draws, groups, name) for name in every_name]
     own = own_plans(schedule, executor)
+    if not known.sampled:
+        return _exact(schedule, known, own, names, [x.shape[1] for x in features], int(folds), progress)
     table = PlanTable.of(schedule, [known.plan, *own.plans[:FREQUENT], *pool])
     frequent = tuple(table.row(p) for p in own.plans[:FREQUENT])
     which = own.which[:: groups.kinds]
     # A rule can be held against other draws only where the draws are a sample, and a large one.
-    cut = known.sampled and len(groups) >= FEWEST_DRAWS
+    cut = len(groups) >= FEWEST_DRAWS
     fold = groups.folds(folds, chains) if cut else None
     work = _Work(table, groups, frequent, which, table.row(known.plan.decisions), fold)
     found = spread_out(executor, _block, [(work, x) for x in features], progress)
+    by_name = dict(zip(every_name, zip(features, found, strict=True), strict=True))
     every = table.with_plans([plan for cells in found for plan in cells.plans])
     values = groups.mean(every.values)
     scale = max(1.0, float(np.abs(values).max()))
     best = float((values @ groups.weight).max())
     rows = []
-    for name, x, cells in zip(names, features, found, strict=True):
-        sums = np.stack(
-            [values[:, cells.cell == c] @ groups.weight[cells.cell == c] for c in np.unique(cells.cell)]
-        )
-        chosen = beyond_rounding(np.array([sums.max(axis=1).sum() - best]), scale)[0]
-        error = draw_mean(cells.gain, groups.weight, chains)
-        told = float(chosen) if not known.sampled or x.shape[1] == 0 else float("nan")
-        worth, se = (error.mean, error.se) if cut else (told, float("nan"))
-        rows.append(
-            BlockWorth(name, worth, se, float(chosen), cells.regression, len(set(sums.argmax(axis=1))),
-                       x.shape[1])
-        )  # fmt: skip
+    for name in names:
+        x, cells = by_name[name]
+        # A block without free probabilities of its own has no part that has some.
+        offered = [cells, *(by_name[p][1] for p in parts_of(schedule.protocol, name) if p in by_name)]
+        scored = [_scored(values, groups.weight, own.cell, best) for own in offered]
+        chosen, plans = max(scored, key=lambda pair: pair[0])
+        chosen = float(beyond_rounding(np.array([chosen]), scale)[0])
+        worth, se = 0.0 if x.shape[1] == 0 else float("nan"), float("nan")
+        if fold is not None:
+            error = draw_mean(_best_elsewhere(offered, groups.weight, fold), groups.weight, chains)
+            worth, se = error.mean, error.se
+        rows.append(BlockWorth(name, worth, se, chosen, cells.regression, plans, x.shape[1]))
     pooled = beyond_rounding(np.array([groups.weight @ values.max(axis=0) - best]), scale)[0]
     return PartialInformation(tuple(rows), known.value, float(pooled), len(every.plans), int(folds), chains,
-                              len(groups) if known.sampled else FEWEST_DRAWS)  # fmt: skip
+                              len(groups))  # fmt: skip
+
+
+def _scored(values: Array, weight: Array, cell: NDArray[np.int64], best: float) -> tuple[float, int]:
+    """What a plan for every cell gains over the best one for all, on the draws it is chosen with; plans in use."""
+    sums = np.stack([values[:, cell == c] @ weight[cell == c] for c in np.unique(cell)])
+    return float(sums.max(axis=1).sum() - best), len(set(sums.argmax(axis=1)))
+
+
+def _best_elsewhere(offered: Sequence[_Cells], weight: Array, fold: NDArray[np.int64]) -> Array:
+    """Gain in every draw of the rule that gains most in the other parts of the draws; the first of equals."""
+    gain = np.stack([cells.gain for cells in offered])
+    out = np.empty(gain.shape[1])
+    for part in np.unique(fold):
+        here = fold == part
+        out[here] = gain[np.argmax(gain[:, ~here] @ weight[~here])][here]
+    return out
+
+
+def _exact(
+    schedule: Schedule, known: PerfectInformation, own: OwnPlans, names: Sequence[str], free: Sequence[int],
+    folds: int, progress: Callable[[int, int], None] | None,
+) -> PartialInformation:  # fmt: skip
+    """Worth of each block where the draws are all that is believed: the best plan for every set of equal blocks."""
+    groups, best = known.groups, BestPlans(schedule)
+    today = groups.weight * known.values
+    scale = max(1.0, float(np.abs(known.optima).max()))
+    plans = {plan_key(known.plan.decisions)}
+    rows = []
+    for number, (name, probabilities) in enumerate(zip(names, free, strict=True), 1):
+        same = equal_blocks(schedule.draws, groups, name)
+        worth, cells = 0.0, set()
+        for cell in np.unique(same):
+            members = np.flatnonzero((same == cell) & (groups.weight > 0))
+            if not len(members):
+                continue
+            weight = np.zeros(len(groups))
+            weight[members] = groups.weight[members]
+            if len(members) == 1 and groups.kinds == 1:
+                # The best plan for one draw is its own.
+                plan, value = own.plans[own.which[members[0]]], float(weight @ known.optima)
+            else:
+                found = best.solved(groups.expand(weight))
+                plan, value = found.decisions, found.value
+            worth += float(beyond_rounding(np.array(value - today[members].sum()), scale))
+            cells.add(plan_key(plan))
+        plans |= cells
+        rows.append(
+            BlockWorth(name, worth, float("nan"), worth, float("nan"), len(cells), probabilities, exact=True)
+        )
+        if progress is not None:
+            progress(number, len(names))
+    return PartialInformation(
+        tuple(rows), known.value, known.value, len(plans), folds, known.chains, len(groups), exact=True
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

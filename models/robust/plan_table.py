@@ -43,9 +43,13 @@ class BestPlans:
 
     def plan(self, weight: Array) -> Decisions:
         """The best plan for weights ``[d]``; non-negative, and they need not sum to one."""
+        return self.solved(weight).decisions
+
+    def solved(self, weight: Array) -> ExactPlan:
+        """The same with what it is worth: the weighted sum over the draws."""
         keep = np.flatnonzero(weight > 0)
         start = weight[keep, None] * self.schedule.draws.initial[keep]
-        return walked(self._tree.some(keep, start)).decisions
+        return walked(self._tree.some(keep, start))
 
 
 class PlanEvaluator:

@@ -86,6 +86,21 @@ class RiskSet:
         q = self.mean_share * self.weight + (1 - self.mean_share) * z / z.sum()
         return float(q @ outcomes), q
 
+    def lowest_each(self, outcomes: Array) -> Array:
+        r""":math:`\rho(X)` of many plans at once, shape ``[p]``.
+
+        Parameters
+        ----------
+        outcomes : float64[p, d]
+        """
+        if self.is_mean:
+            return np.asarray(outcomes @ self.weight)
+        order = np.argsort(outcomes, axis=1, kind="stable")
+        caps = self.caps[order]
+        z = np.clip(1.0 - (np.cumsum(caps, axis=1) - caps), 0.0, caps)
+        tail = (z * np.take_along_axis(outcomes, order, axis=1)).sum(axis=1) / z.sum(axis=1)
+        return np.asarray(self.mean_share * (outcomes @ self.weight) + (1 - self.mean_share) * tail)
+
     def project(self, q: Array) -> Array:
         """A member of the set next to `q`, which may be outside by rounding."""
         if self.is_mean:

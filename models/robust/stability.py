@@ -19,6 +19,7 @@ from models.lspomdp import LatentStatePOMDP
 from models.planning.exact import Decisions, ExactPlan
 from models.planning.schedule import Array, Schedule
 from models.robust.draw_groups import DrawGroups
+from models.robust.information import beyond_rounding
 from models.robust.many_weights import ManyWeights
 from models.robust.own_plans import own_plans
 
@@ -284,9 +285,12 @@ def _standing(
         first = ManyWeights(rest).group_optima(groups.share).first_values
     weight, best = groups.weight, first.max(axis=1)
     names = [a.name for a in schedule.mode(k).actions]
-    chosen = np.argmax(first, axis=1)
+    # Draws to which two actions are worth the same, up to rounding, do not disagree with either.
+    lost = beyond_rounding(best[:, None] - first, max(1.0, float(np.abs(first).max())))
+    planned = names.index(action)
+    chosen = np.where(lost[:, planned] == 0, planned, np.argmin(lost, axis=1))
     share = {name: float(weight[chosen == a].sum()) for a, name in enumerate(names)}
-    loss = {name: float(weight @ (best - first[:, a])) for a, name in enumerate(names)}
+    loss = {name: float(weight @ lost[:, a]) for a, name in enumerate(names)}
     positive = weight > 0
     bits = float(np.sum(weight[positive] * np.log2(weight[positive] / prior[positive])))
     bits = bits if bits > ROUNDING else 0.0

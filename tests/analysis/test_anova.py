@@ -11,6 +11,7 @@ from analysis.anova import mixed_anova
 from analysis.anova_logistic import logistic_twin
 from analysis.sphericity import contrasts, sphericity
 from models.errors import InputError
+from models.glmm import LogisticMixedModel
 from tests.analysis.anova_cases import measures, oracle_data, oracle_numbers, study
 
 TABLES = [
@@ -315,8 +316,32 @@ def test_a_separated_cell_is_said():
     twin = logistic_twin(measures(frame.assign(score=values)))
     assert "Only one value of score in policy g1 at time 0 (all 12 are 1); policy g1 at time 1" in twin.notes[0]
     assert "x1" not in " ".join(twin.notes)
-    assert twin.table["p"].notna().all()
-    assert twin.table.set_index("effect").loc["policy", "p"] < 1e-4
+    # What g1 did over time is at infinity whatever the other group did: time and interaction can be anything.
+    p = twin.table.set_index("effect")["p"]
+    assert p["policy"] < 1e-4
+    assert p.drop("policy").isna().all()
+    assert "No test of time or policy:time" in twin.notes[-1]
+
+
+@pytest.mark.parametrize("other", [(9, 4, 2, 10), (3, 20, 1, 2)])
+def test_infinite_cells_of_opposite_sign_leave_a_main_effect_without_test(other):
+    """All of a respond at the end, all of b at the start: their changes cancel whatever c does."""
+    data = measures(binary_study({"a": (0, 9, 0, 8), "b": (0, 0, 9, 8), "c": other}))
+    three, two = (logistic_twin(data, t) for t in (3, 2))
+    p = three.table.set_index("effect")["p"]
+    assert np.isnan(p["time"])
+    assert p.drop("time").notna().all()
+    assert "No test of time: both models" in three.notes[-1]
+    assert two.table["p"].notna().all()
+    # What it would have been: no time effect costs nothing.
+    group, time = np.repeat(data.group, 2), np.tile([0.5, -0.5], len(data.group))
+    apart = np.column_stack([group == 0, group == 1]) - 1.0 * (group == 2)[:, None]
+    design = np.column_stack([np.ones(len(group)), apart, time, apart * time[:, None]])
+    people = np.repeat(np.arange(len(data.group)), 2)
+    full, without = (
+        LogisticMixedModel(data.score.ravel(), x, people).fit(warn=False) for x in (design, np.delete(design, 3, 1))
+    )
+    assert full.compare_lr_test(without)[0] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_flat_cell_leaves_all_effects_their_tests():

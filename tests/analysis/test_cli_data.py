@@ -146,6 +146,28 @@ def test_simulate_study1(capsys, tmp_path):
     assert read_events(tmp_path / "b.parquet").log.n_events == 35
 
 
+def test_simulate_study1_in_the_game(capsys, tmp_path):
+    """The file is the game's log, its responses those of the direct simulation."""
+    from analysis.game_study import simulate_study1_in_game
+
+    options = ("--participants", "20", "--seed", "2", "--json", "-", "--quiet")
+    status, out, _ = run(capsys, "simulate", "study1", "--game", "--out", tmp_path / "game.csv.gz", *options)
+    assert status == 0
+    log, expected = read_events(tmp_path / "game.csv.gz").log, simulate_study1_in_game(participants=20, seed=2)
+    assert log.study == "simulated_study1_in_game"
+    assert set(log.tokens) == {"team_tokens", "human_tokens", "robot_tokens"}
+    for name, values in expected.tokens.items():
+        assert (log.tokens[name] == values).all()
+    content = json.loads(out)
+    assert content["game"] is True
+    assert content["mean_tokens"]["team_tokens"] == pytest.approx(expected.tokens["team_tokens"].mean())
+    _, out, _ = run(capsys, "simulate", "study1", "--out", tmp_path / "direct.csv.gz", *options)
+    direct = read_events(tmp_path / "direct.csv.gz").log
+    assert (direct.response == log.response).all()
+    content = json.loads(out)
+    assert (content["game"], content["mean_tokens"]) == (False, {})
+
+
 def test_simulate_with_another_truth(capsys, tmp_path):
     from analysis.simulate import CALIBRATED_TRUTH
 

@@ -340,6 +340,22 @@ def test_a_random_slope_is_fitted_by_laplace(files, tmp_path, capsys):
     assert "random slopes" in captured.err
 
 
+def test_a_slope_tells_what_runs_off_and_which_rows_are_gone(files, tmp_path, capsys):
+    rows = table()
+    rows["cell"] = ((rows["y"] == 1) & (rows["x"] > 0.5)).astype(float)
+    rows.loc[0, "x"] = np.nan
+    rows.to_csv(tmp_path / "cell.csv", index=False)
+    arguments = ("--formula", "y ~ cell + (1 + x|g)", "--nodes", "laplace", "--json", "-")
+    assert run(tmp_path / "cell.csv", *arguments) == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert found["unbounded"] == {"cell": "infinity"}
+    assert found["params"]["cell"] is None
+    assert (found["converged"], found["dropped"], found["dropped_by_terms"]) == (False, 1, {})
+    assert "SeparationWarning: cell: no finite estimate" in captured.err
+    assert "1 row with missing values left out" in captured.err
+
+
 def test_a_folder_is_not_made_in_silence(files, tmp_path, capsys):
     out = tmp_path / "new" / "fit.json"
     assert run(files / "good.csv", "--formula", "y ~ b + (1|g)", "--json", out) == 0

@@ -16,6 +16,7 @@ from models.planning.exact import solve_schedule
 from models.planning.policy_files import read_policy
 from models.planning.schedule import Schedule
 from models.protocol import PUBLISHED
+from models.robust import single_plan
 from models.robust.cautious import cautious_plan
 from models.robust.own_plans import own_plans
 from tests.analysis.draws_cases import failed, fit_file, json_file, people
@@ -88,8 +89,54 @@ def test_who_will_not_draw_lots(tmp_path, capsys):
     lots, single = (result_of(capsys, *options, *more) for more in ((), ("--no-lots",)))
     assert len(single["mixture"]) == 1
     assert single["value"] >= lots["value"] - 1e-9
-    assert single["value"] == pytest.approx(-lots["without_lots"])
+    assert single["value"] == pytest.approx(lots["without_lots"]) == single["without_lots"]
     assert single["gap"] == pytest.approx(single["value"] - lots["value"], abs=1e-6)
+    # All plans are looked at here: 2 ** (1 + 2 + 2 + 4).
+    assert lots["without_lots_proven"]
+    assert lots["without_lots_plans"] == 512
+    alone = ("Bayes-adaptive", "posterior mean", "best fixed model", "most common plan", "fixed sequence", "never",
+             "always", "myopic", "reactive")  # fmt: skip
+    assert sum(name in single["plans"] for name in alone) == 9
+    for name in alone:
+        if name in single["plans"]:
+            assert single["value"] <= single["plans"][name]["max_regret"] + 1e-9
+    assert run("robust", *options, "--no-lots") == 0
+    assert "without lots:" in capsys.readouterr().out
+    assert run("robust", *options) == 0
+    assert "The best single plan (--no-lots): " in capsys.readouterr().out
+
+
+def test_the_best_plan_looked_at_is_not_called_the_best(fit, capsys, monkeypatch):
+    monkeypatch.setattr(single_plan, "MOST_VALUES", 0)
+    options = (fit, "--schedule", "HRHR", "--criterion", "regret", "--cost-help", "6", "--cost-signal", "1")
+    assert run("robust", *options, "--no-lots") == 0
+    out = capsys.readouterr().out
+    assert "Largest regret over the draws, the best of " in out
+    assert " single plans looked at: " in out
+    assert "Best " not in out
+    assert run("robust", *options) == 0
+    assert " single plans looked at (--no-lots): " in capsys.readouterr().out
+
+
+def test_blocks_of_a_list_of_models_are_worth_what_telling_them_apart_is(tmp_path, capsys):
+    """Every block differs in every model, so any of them tells which model it is."""
+    path = json_file(tmp_path / "models.json", people(3, 2, seed=7), [0.5, 0.3, 0.2])
+    options = (path, "--schedule", "HRHR", "--cost-help", "4", "--cost-signal", "1")
+    found = result_of(capsys, *options)
+    assert found["evppi_enough"]
+    assert found["evpi"] > 0.01
+    for row in found["evppi"].values():
+        assert row["worth"] == pytest.approx(found["evpi"], abs=1e-9)
+        assert row["se"] is None
+    assert run("robust", *options) == 0
+    assert "by itself be worth as much as perfect knowledge" in capsys.readouterr().out
+
+
+def test_what_is_nothing_is_told_as_zero(fit, capsys):
+    options = (fit, "--schedule", "HRH", "--criterion", "gain-cvar", "--cost-help", "1e4", "--cost-signal", "1e4")
+    assert result_of(capsys, *options)["value"] == 0
+    assert run("robust", *options) == 0
+    assert "Best mean gain over never helping of the worst 10% of the draws: 0 " in capsys.readouterr().out
 
 
 def test_every_decision_along_the_histories_is_told(fit, capsys):
@@ -157,6 +204,8 @@ def test_weighted_models_in_a_file(tmp_path, capsys):
         (["--alpha", "nan"], "--alpha: found nan"),
         (["--alpha", "1.5"], "alpha: found 1.5"),
         (["--mean-share", "2", "--criterion", "cvar"], "share of the mean"),
+        (["--mean-share", "0.5"], "only cvar takes one"),
+        (["--served", "0"], "people served: found 0.0, wanted a positive number"),
         (["--schedule", "HXH"], "X"),
         (["--evsi", "help+signal:HRH"], "CONDITION:SCHEDULE:N"),
         (["--evsi", "nobody:HRH:10"], "nobody"),

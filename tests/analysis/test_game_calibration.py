@@ -9,6 +9,7 @@ from analysis import game_calibration as calibration
 from analysis.game_study import PlayedStudy, play_study1
 from analysis.simulate import calibrated_truth, simulate_study1
 from models.errors import InputError
+from models.game.parameters import GameParameters
 from models.game.rounds import RoundOutcomes
 from models.inference import smoothed
 from models.lspomdp import LatentStatePOMDP
@@ -69,16 +70,33 @@ def test_calibration_beside_print():
     assert "came too late" not in found.sentence
 
 
-def test_the_default_game_is_near_the_printed_one():
-    # What the defaults were chosen for: states in the printed order, within 9 tokens, around the printed mean, 54.
-    found = calibration.calibrate_game(studies=2, seed=5)
-    x = found.scores
+def test_the_default_game_brackets_the_printed_scores():
+    # What the defaults were chosen for: states in the printed order, from below 45 to above 67.
+    found = calibration.calibrate_game(studies=4, seed=5)
+    x, se = found.scores, found.table["se"].to_numpy()
     assert (np.diff(x) > 0).all()
-    assert found.tolerance < 9
-    assert abs(x.mean() - 54) < 1
-    # The trap recolours at 20 s at the earliest, so even freeing everybody against nobody does not span 67/45.
-    assert found.freed / found.not_freed < 67 / 45
-    assert "out of reach" in found.sentence
+    assert x[0] + 2 * se[0] <= 45
+    assert x[3] - 2 * se[3] >= 67
+    assert found.margins == pytest.approx((45 - x[0] - 2 * se[0], x[3] - 67 - 2 * se[3]))
+    assert found.brackets
+    assert "They bracket 45 and 67" in found.sentence
+    # And no further from the printed ones than their shape demands: help gets likelier most between the truth's
+    # lower states, so there tokens rise most, where printed scores rise least.
+    assert found.rms < 7
+    assert found.rms == pytest.approx(np.sqrt(np.mean((x - [45, 48, 56, 67]) ** 2)))
+    ways = (x[1:3] - x[0]) / (x[3] - x[0])
+    assert (
+        f"lie {ways[0]:.0%} and {ways[1]:.0%} of the way from lowest to highest, printed 14% and 50%"
+        in found.sentence
+    )
+    assert found.unseen == 0
+
+
+def test_a_short_round_does_not_bracket():
+    found = calibration.calibrate_game(parameters=GameParameters(round_ticks=1_000), studies=2, participants=PEOPLE)
+    assert not found.brackets
+    assert found.margins[1] < 0 < found.margins[0]
+    assert "They do not bracket 45 and 67" in found.sentence
 
 
 def test_another_smoother_has_no_printed_scores():
@@ -89,15 +107,12 @@ def test_another_smoother_has_no_printed_scores():
     found = calibration.calibrate_game(smoother=one, studies=2, participants=40)
     assert found.table["printed"].isna().tolist() == [True, False, False, False, False]
     assert "nan" not in found.sentence
+    assert not found.brackets
+    assert "bracket" not in found.sentence
+    content = found.to_dict()
+    assert content["table"][0]["printed"] is None
 
 
 def test_too_few_studies():
     with pytest.raises(InputError, match="calibration of the game, studies: found 1, wanted at least 2"):
         calibration.calibrate_game(studies=1)
-
-
-def test_settings_are_compared():
-    found = calibration.compare_settings([600, 1100], [5], studies=2)
-    assert found["round_ticks"].tolist() == [1100, 600]
-    assert found["rms"].is_monotonic_increasing
-    assert (found["span"] == found["x_s3"] / found["x_s0"]).all()

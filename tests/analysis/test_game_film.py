@@ -116,6 +116,12 @@ def test_refused_and_what_was_there_stays(played, tmp_path, name, arguments, wan
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
+def test_a_mistyped_folder_is_not_made(played, tmp_path):
+    with pytest.raises(InputError, match=r"round\.gif: found no folder .*nowhere, wanted a folder that is there"):
+        write_film(played, tmp_path / "nowhere" / "round.gif")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_changed_record_is_refused(played, tmp_path):
     changed = dataclasses.replace(played, outcome={**played.outcome, "human_tokens": 99})
     with pytest.raises(InputError, match="human_tokens: found 99"):

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from analysis.game_study import play_study1, simulate_study1_in_game
+from analysis.game_study import (
+    DIRECT,
+    GAME,
+    SHORT,
+    implied_rates,
+    learn_from_both,
+    play_study1,
+    simulate_study1_in_game,
+)
 from analysis.simulate import calibrated_truth, simulate_study1
+from models.baum_welch import BaumWelch
+from models.errors import InputError
 from models.events import EventLog
 from models.game.parameters import GameParameters
 
@@ -71,3 +81,47 @@ def test_help_in_the_game_is_as_frequent_as_the_truth_says():
                     cells += 1
                 belief = belief @ truth.transition[action]
     assert cells == 4 * 6 * 3  # conditions, schedules, and the rounds of each in which the robot needs help
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return learn_from_both(participants=PEOPLE, seed=3, states=2, restarts=8)
+
+
+def test_the_games_log_teaches_what_the_direct_simulation_does(learned):
+    rows = learned.table.set_index("log")
+    assert rows.index.tolist() == [DIRECT, GAME, SHORT]
+    assert rows.loc[GAME, "different"] == 0
+    assert rows.loc[GAME, "entries"] == 0
+    assert rows.loc[GAME, "log_likelihood"] == rows.loc[DIRECT, "log_likelihood"]
+    own = BaumWelch(2, restarts=8, finalists=30, rounds=1, seed=3).fit(simulate_study1(participants=PEOPLE, seed=3))
+    assert (learned.models[GAME].transition == own.model.transition).all()
+    assert "all 600 responses are those of the direct simulation" in learned.sentence
+
+
+def test_short_rounds_teach_something_else(learned):
+    short = play_study1(participants=PEOPLE, seed=3, parameters=GameParameters(round_ticks=350))
+    row = learned.table.set_index("log").loc[SHORT]
+    n = int(short.rounds.unseen_willingness.sum())
+    assert row["different"] == n > 50
+    assert row["entries"] > 0.02
+    assert row["rates"] > 2 * learned.table["rates"][0]
+    rates = learned.rates.set_index("condition")
+    assert (rates[SHORT] < rates["truth"] - 0.05).all()
+    assert (rates[GAME] == rates[DIRECT]).all()
+    assert f"{n} of 600 responses differ" in learned.sentence
+
+
+def test_implied_rates_are_those_of_many_people():
+    truth = calibrated_truth()
+    log = simulate_study1(participants=20_000, seed=6)
+    conditions = np.repeat(log.condition, np.diff(log.offsets))
+    for c, rate in enumerate(implied_rates(truth, log)):
+        seen = log.response[log.shows & (conditions == c)]
+        # Three responses a person, which agree more than chance has them: at the most as if they were one.
+        assert abs((seen == 1).mean() - rate) < 4 * np.sqrt(rate * (1 - rate) / (len(seen) / 3))
+
+
+def test_learning_from_nobody():
+    with pytest.raises(InputError, match="learning from both, participants: found 1, wanted at least 2"):
+        learn_from_both(participants=1)

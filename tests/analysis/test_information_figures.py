@@ -1,5 +1,7 @@
 """Plots of the value of information: what they show, and that odd results can be drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,14 @@ def test_blocks_in_order_beside_perfect_knowledge():
     assert ax.get_xlim()[1] > 2.1
     assert "held fixed" in [t.get_text() for t in ax.texts]
     assert any(np.allclose(line.get_xdata(), 2.1) for line in ax.lines)
+
+
+def test_what_is_known_exactly_has_bars_only():
+    rows = [replace(r, se=float("nan"), worth=max(r.worth, 0.0), exact=True) for r in BLOCKS.rows]
+    ax = information_by_block(replace(BLOCKS, rows=tuple(rows), exact=True))
+    assert [p.get_width() for p in ax.patches] == pytest.approx([1.6, 0.8, 0.0])
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["all tables (perfect knowledge)", "exact"]
+    assert "the same in all" in [t.get_text() for t in ax.texts]
 
 
 def test_curves_below_perfect_knowledge():

@@ -61,6 +61,14 @@ def test_what_is_asked_is_answered(bundled):
     keys = {f.key for f in shown.figures}
     wanted = {"tree", "values", "comparison", "caution", "blocks", "studies", "walk", "along", "endless"}
     assert {f"robust-{k}-2" for k in wanted} <= keys
+    captions = {f.key: f.caption for f in shown.figures}
+    assert "Every point is certified" in captions["robust-caution-2"]
+    # Costs of a mode whose decision never flips are no contested ones, and the caption names the others.
+    assert ("Contested costs: those at which" in captions["robust-caution-2"]) is any(
+        "contested costs" in b for b in shown.sentences
+    )
+    told = next(t for t in shown.tables if t.key == "robust-next-2").frame
+    assert (told["enough"] == "yes").tolist() == (told["effective"] >= 100).tolist()
     assert all(svg.startswith("<svg") for f in shown.figures for svg in f.svgs())
 
 

@@ -241,9 +241,9 @@ def test_rows_without_a_value_are_left_out(data):
 @pytest.mark.parametrize(
     ("formula", "blocks", "separate"),
     [
-        ("y ~ x + (x|g)", ("x",), False), ("y ~ (1 + x + a | g) + x", ("1 + x + a",), False),
-        ("y ~ x + (1|g) + (0 + x|g)", ("1", "0 + x"), False), ("y ~ x + (x||g)", ("x",), True),
-        ("y ~ x + (np.log(x) | g)", ("np.log(x)",), False),
+        ("y ~ x + (x|g)", ("x",), (False,)), ("y ~ (1 + x + a | g) + x", ("1 + x + a",), (False,)),
+        ("y ~ x + (1|g) + (0 + x|g)", ("1", "0 + x"), (False, False)), ("y ~ x + (x||g)", ("x",), (True,)),
+        ("y ~ x + (np.log(x) | g)", ("np.log(x)",), (False,)),
     ],
 )  # fmt: skip
 def test_random_terms_are_read(formula, blocks, separate):

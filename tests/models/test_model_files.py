@@ -168,6 +168,9 @@ def test_unreadable_files_are_refused(tmp_path):
         read_json(tmp_path / "absent.json")
     with pytest.raises(InputError, match=re.escape(f"{tmp_path}: is a folder, a JSON file was wanted")):
         read_json(tmp_path)
+    (tmp_path / "big.json").write_text("1" * 5000)
+    with pytest.raises(InputError, match=r"big\.json: holds a number of more digits than can be read"):
+        read_json(tmp_path / "big.json")
     broken = tmp_path / "broken.json"
     broken.write_text('{"a": 1,\n "b" 2}', encoding="utf-8")
     with pytest.raises(

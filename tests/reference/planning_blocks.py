@@ -18,7 +18,7 @@ def block_problem(part: ObservedPart) -> Problem:
         row = []
         for choice in whole.choices[0]:
             table = choice.branches[0].transition.toarray()
-            emission = choice.branches[0].emission.toarray()
+            emission = choice.branches[0].emission.toarray() * table.any(axis=0)[:, None]
             branches = []
             for k, block in enumerate(blocks):
                 if table[np.ix_(rows, block)].any():

@@ -53,8 +53,8 @@ def _printed(context: ReportContext) -> tuple[Block, ...]:
         f"Study 2 put {study['participants']} people under {len(study['policies'])} policies "
         f"({', '.join(study['policies'])}) and measured them at the start and at the end. The paper tests each "
         "measure by a mixed analysis of variance, policy between people and time within, and compares policies by "
-        "Tukey's method. Its people are not part of this report, and no game is simulated here: this table holds "
-        "what is printed and what follows from it."
+        "Tukey's method. Its people are not part of this report (the section on study 2 run again simulates "
+        "others): this table holds what is printed and what follows from it."
     )
     frame = table.assign(df=[f"{r.df1}, {r.df2}" for r in table.itertuples()])
     anova = Table(

@@ -18,6 +18,7 @@ from analysis.robust_study import RobustStudy, robust_study
 from analysis.wording import counted
 from models.planning.schedule import Schedule
 from models.robust.cautious import acting_words
+from models.robust.study_worth import FEWEST_EFFECTIVE
 from models.unseen import evidence_of_actions, unseen_actions, without_actions
 
 ALPHA = 0.1
@@ -182,16 +183,28 @@ def _what_they_do(study: RobustStudy) -> Points:
 
 def _caution(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
     words = [f"At {name}: {found.sentence}" for name, found in study.frontiers.items()]
-    gap = max((p.gap for f in study.frontiers.values() for p in f.plans), default=0.0)
+    plans = [p for f in study.frontiers.values() for p in f.plans]
+    gap = max((p.gap for p in plans), default=0.0)
+    open_ = sum(not p.certified for p in plans)
+    sure = f"{open_} of {len(plans)} points are not certified" if open_ else "Every point is certified"
     words += [spoken(flip.sentence) for flip in study.flips]
     figure = Figure(
         f"robust-caution-{k}", (partial(caution, study.frontiers),),
         "What the best cautious plans gain over the Bayes-adaptive plan in the worst share of the draws, and what "
-        "they give up on average. Contested costs: those at which the first decisions of all modes flip "
-        f"together. Every point is certified, largest gap {gap:.1g}.",
+        f"they give up on average. {_contested_words(study)}{sure}, largest gap {gap:.1g}.",
         (" ".join(words),), (context.origin,),
     )  # fmt: skip
     return Points(tuple(words), "Caution"), figure
+
+
+def _contested_words(study: RobustStudy) -> str:
+    """At which costs the second frontier is, if there is one."""
+    modes = [spoken(f.mode) for f in study.together if f.multiple is not None and any(f.costs.values())]
+    if not modes:
+        return ""
+    if len(modes) == 1:
+        return f"Contested costs: those at which the first decision of {modes[0]} flips. "
+    return f"Contested costs: those at which the first decisions of {' and '.join(modes)} flip together. "
 
 
 def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
@@ -205,19 +218,23 @@ def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Bl
     curves = Figure(
         f"robust-studies-{k}", (partial(information_by_people, study.samples),),
         f"What further people would be worth, by condition, over {NEXT}: expected gain over today's plan, from "
-        "simulated data sets. The line above is what perfect knowledge would be worth.",
+        "simulated data sets; bars are twice the standard error, bands reach down to the estimate for plans "
+        "scored on draws that did not choose them, hollow markers leave too few draws to say. The line above is "
+        "what perfect knowledge would be worth.",
         (" ".join(rows),), (context.origin,),
     )  # fmt: skip
     shown = {
         "study": "study", "people": "people", "worth": "worth", "se": "standard error", "held_out": "held out",
-        "effective": "effective draws",
+        "effective": "effective draws", "enough": "draws suffice",
     }  # fmt: skip
     told = [row for sample in study.samples for row in sample.told]
+    frame = pd.DataFrame([{c: getattr(row, c) for c in shown} for row in told])
     table = Table(
-        f"robust-next-{k}", pd.DataFrame([{c: getattr(row, c) for c in shown} for row in told]),
+        f"robust-next-{k}", frame.assign(enough=frame["enough"].map({True: "yes", False: "no"})),
         "What further people would be worth, in reward units a person served, for the largest study of each kind "
-        "that these draws can tell of. Held out: for plans scored on draws that did not choose them, if anything "
-        "too low. Effective draws: how many are left after such data.",
+        "that these draws can tell of, or the smallest where they can tell of none. Held out: for plans scored on "
+        "draws that did not choose them, if anything too low. Effective draws: how many are left after such data; "
+        f"below {FEWEST_EFFECTIVE:.0f} they do not suffice to say.",
         (context.origin,), headings=shown,
         formats={"people": ",d", "worth": ".2f", "se": ".2f", "held_out": ".2f", "effective": ",.0f"},
     )  # fmt: skip

@@ -149,8 +149,9 @@ def _swings(study: Study2) -> str:
     )
     if moved > 2 * real:
         text += (
-            " Beliefs that swing are the doing of learned tables in which each action sends people to states of "
-            "its own, and not of people. A rise of such a belief is no rise of prosociality."
+            " A rise of such a belief is no rise of prosociality: people have not moved that far. Learned tables "
+            "in which each action sends people to states of its own would make beliefs swing so; whether these do "
+            "is not computed here."
         )
     return text
 

@@ -19,6 +19,10 @@ SHORT = GameParameters(
     robot_step_ticks=1,
     human_notice_ticks=1,
     human_notice_spread=0,
+    human_lapse=0.01,
+    human_lapse_ticks=10,
+    human_wander=0.1,
+    robot_help_delay=50,
 )  # fmt: skip
 
 
@@ -49,7 +53,8 @@ def opened(tmp_path):
         study.close()
 
 
-@pytest.fixture(scope="session")
+# Not for the whole session: a second driver, as other folders' tests start, cannot begin while this one runs.
+@pytest.fixture(scope="package")
 def browser():
     """Chromium of the system, without a window."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

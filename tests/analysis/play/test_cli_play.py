@@ -8,7 +8,7 @@ import pytest
 
 from analysis import cli_play
 from analysis.cli_play import play_command
-from analysis.play import run
+from analysis.play import robot_mind, run
 from models.errors import InputError
 from tests.analysis.play.cases import ROOT
 
@@ -36,7 +36,7 @@ def test_refused_before_anything_is_served(tmp_path, monkeypatch, options, words
     monkeypatch.setattr(run, "serve", lambda *_: pytest.fail("served"))
     with pytest.raises(InputError, match=words):
         play_command(port=0, quiet=True, **{"policy": None, "schedule": "HRH", "out": "log.csv", **options})
-    assert not (tmp_path / "log.csv").exists()
+    assert not {"log.csv", "log_rounds"} & {path.name for path in tmp_path.iterdir()}
 
 
 def test_a_taken_port_is_named(tmp_path, monkeypatch):
@@ -51,9 +51,79 @@ def test_a_taken_port_is_named(tmp_path, monkeypatch):
 
 def test_addresses():
     for host, begins in (("127.0.0.1", "http://127.0.0.1:"), ("0.0.0.0", "http://127.0.0.1:")):
-        with run.listen(host, 0) as taken:
+        with run.reserve(host, 0) as taken:
             assert run.address_of(taken, host).startswith(begins)
             assert run.is_loopback(taken) == (host == "127.0.0.1")
+
+
+def reachable(port):
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=5):
+            return True
+    except ConnectionRefusedError:
+        return False
+
+
+def test_a_reserved_port_answers_when_it_is_opened():
+    with run.reserve("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        assert not reachable(port)
+        run.open_port(taken)
+        assert reachable(port)
+        # Systems let two servers reserve a port as long as neither answers there, or refuse the second at once.
+        with pytest.raises(InputError, match=f"--port: found 127.0.0.1, port {port}: .*, wanted a free port"):
+            run.reserve("127.0.0.1", port)
+
+
+def test_of_two_that_reserved_a_port_one_is_told(tmp_path):
+    with run.reserve("127.0.0.1", 0) as one:
+        port = one.getsockname()[1]
+        try:
+            other = run.reserve("127.0.0.1", port)
+        except InputError:
+            return  # this system told at once
+        with other:
+            run.open_port(one)
+            with pytest.raises(InputError, match=f"--port: found 127.0.0.1, port {port}"):
+                run.open_port(other)
+
+
+def test_first_the_lock_then_a_word_and_the_port_last(tmp_path, monkeypatch, capsys):
+    """What is seen while the policies are still being solved, which may take minutes."""
+    monkeypatch.chdir(tmp_path)
+    with run.reserve("127.0.0.1", 0) as free:
+        port = free.getsockname()[1]
+    seen = []
+
+    def solve(*_):
+        seen.append(capsys.readouterr().out)
+        assert not reachable(port)
+        with pytest.raises(InputError, match="log_rounds: another server is writing there"):
+            play_command(port=0, policy=["never"], schedule="HR", out="log.csv")
+        assert capsys.readouterr().out == "", "told before anything is prepared"
+        raise InputError("enough")
+
+    monkeypatch.setattr(robot_mind, "policy_by_name", solve)
+    with pytest.raises(InputError, match="enough"):
+        play_command(port=port, policy=["never"], schedule="HR", out="log.csv")
+    assert seen == [f"{cli_play.PREPARING}\n"]
+    assert not any(tmp_path.iterdir()), "nothing is left of a study that did not start"
+    with run.reserve("127.0.0.1", port):
+        pass  # let go again
+
+
+def test_a_mistyped_folder_is_not_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"nowhere/log\.csv: found no folder nowhere"):
+        play_command(port=0, policy=["never"], schedule="HR", out="nowhere/log.csv")
+    assert not any(tmp_path.iterdir())
+
+
+def test_parameters_with_a_number_that_nobody_can_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "big.json").write_text('{"round_ticks": ' + "1" * 5000 + "}")
+    with pytest.raises(InputError, match=r"big\.json: holds a number of more digits than can be read"):
+        play_command(port=0, policy=["never"], schedule="HR", out="log.csv", parameters="big.json")
 
 
 def test_a_missing_extra_is_named(monkeypatch):

@@ -71,14 +71,16 @@ def test_killed_restarted_ended(tmp_path):
         assert server.process.returncode == 0, rest
     again.kept.close()
     assert "1 round played" in rest
+    assert "nobody got trapped in 3 rounds" in rest, "four ticks are too few for it"
     assert "Traceback" not in rest
     found = json.loads(told.read_text())
     assert (found["rounds"], found["people"], found["finished"]) == (3, 2, 1)
     assert found["policies"] == ["always"]
     assert found["seed"] == 1
+    assert (found["played"], found["untrapped"], found["too_late"]) == (1, 3, 0)
     lines = log.read_text().splitlines()
     assert lines[0].startswith("study,participant,condition,sequence,k,mode,action,observation,team_tokens")
-    assert lines[3].startswith("token_game,2,always,0,1,human_needs_help,help,none,")
+    assert lines[3].startswith("token_game,2,always,0,1,human_needs_help,no_help,none,")
     assert read_events(log).log.n_events == 3
     with pytest.raises(SystemExit) as checked:
         main(["data", "check", str(log), "--quiet"])

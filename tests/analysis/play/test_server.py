@@ -268,7 +268,8 @@ def test_an_unknown_token_is_told_so(visit):
 @pytest.mark.parametrize(
     "text",
     ["{", '{"type": "start"}', '{"type": "key", "move": 9, "pressed": true}', '{"type": "hello", "token": null}',
-     '{"type": "hello", "token": "' + "x" * 500 + '"}'],
+     '{"type": "hello", "token": "' + "x" * 500 + '"}',
+     '{"type": "hello", "token": "\\ud800"}'],
 )  # fmt: skip
 def test_bad_messages_end_the_conversation(visit, study, text):
     page = visit()

@@ -34,7 +34,8 @@ def test_every_round_has_a_seed_of_its_own(settings):
 def test_the_consent_text_states_the_rule(settings):
     text = " ".join(settings.consent_paragraphs)
     assert "3 rounds" in text
-    assert "deleted at once" in text
+    assert "deleted at once; all that stays is your number" in text
+    assert "the times at which you agreed, ended a round or left in the middle of one, and finished" in text
     assert "{" not in text
     assert "are kept without your name" in " ".join(settings.with_(withdrawal="keep").consent_paragraphs)
     own = settings.with_(consent="First\nparagraph.\n\nSecond {braces}.\n")
@@ -160,6 +161,7 @@ def test_a_policy_that_cannot_follow_neither_helps_nor_signals():
         '{"type": "key", "move": true, "pressed": true}', '{"type": "key", "move": 1.0, "pressed": true}',
         '{"type": "key", "move": 1, "pressed": 1}', '{"type": "start", "k": 3}', '{"type": "hello"}',
         '{"type": "hello", "token": 3}', '{"type": "hello", "token": "' + "x" * 300 + '"}', "[" * 190,
+        '{"type": "hello", "token": "\\ud800"}', '{"type": "hello", "token": "é"}',
     ],
 )  # fmt: skip
 def test_bad_messages(text):

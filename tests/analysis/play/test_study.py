@@ -1,4 +1,4 @@
-"""A study without the network: rows, records, resuming, withdrawal."""
+"""A study without the network: records, resuming, withdrawal, what the log says, the lock."""
 
 import json
 
@@ -6,146 +6,17 @@ import numpy as np
 import pytest
 
 from analysis.event_files import read_events
-from analysis.play.event_rows import HEADER, EventRows, Row
-from analysis.play.live_round import LiveRound
+from analysis.play.event_rows import EventRows, Row
+from analysis.play.log_lock import LogLock, folder_of
 from models.errors import InputError
 from models.game.parameters import GameParameters
 from models.game.record import read_records, replay
-from models.game.round import Round
 from tests.analysis.play.cases import play_to_the_end
 from tests.analysis.play.conftest import SHORT
 
 ROW = Row("test", 3, "reactive", 0, 0, "robot_needs_help", "signal", "help", 9, 4, 5)
 
 
-# -- rows ------------------------------------------------------------------------------------------
-def test_rows_make_a_log_that_can_be_gone_on_with(tmp_path):
-    path = tmp_path / "log.csv"
-    rows = EventRows(path, "test")
-    assert not path.exists()
-    rows.append(ROW)
-    rows.append(ROW._replace(k=1, mode="human_needs_help", action="no_help", observation="none"))
-    rows.append(ROW._replace(participant=1, condition='a "b", c'))
-    log = read_events(path).log
-    assert (log.n_events, log.n_participants, log.conditions) == (3, 2, ('a "b", c', "reactive"))
-    assert EventRows(path, "test").rows == rows.rows
-    assert path.read_text().splitlines()[0] == ",".join(HEADER)
-
-
-@pytest.mark.parametrize("cut", [1, 5, 40])
-def test_a_torn_last_line_is_cut_off(tmp_path, cut):
-    path = tmp_path / "log.csv"
-    rows = EventRows(path, "test")
-    rows.append(ROW)
-    whole = path.read_text()
-    rows.append(ROW._replace(k=1))
-    path.write_text(path.read_text()[:-cut])
-    again = EventRows(path, "test")
-    assert again.mended
-    assert path.read_text() == whole
-    again.append(ROW._replace(k=1))
-    assert read_events(path).log.n_events == 2
-
-
-def test_a_torn_header_is_cut_off(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("study,partic")
-    EventRows(path, "test").append(ROW)
-    assert read_events(path).log.n_events == 1
-
-
-def test_rows_of_one_person_are_deleted(tmp_path):
-    path = tmp_path / "log.csv"
-    rows = EventRows(path, "test")
-    for participant in (3, 5, 3, 7):
-        rows.append(ROW._replace(participant=participant, k=len(rows.rows.get(participant, []))))
-    assert rows.delete(3) == 2
-    assert rows.delete(3) == 0
-    assert [line.split(",")[1] for line in path.read_text().splitlines()] == ["participant", "5", "7"]
-    rows.append(ROW._replace(participant=9))
-    assert sorted(EventRows(path, "test").rows) == [5, 7, 9]
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("a,b\n1,2\n", "line 1: found 'a,b'"),
-        ("some notes", "line 1: found 'some notes'"),
-        (",".join(HEADER) + "\nother,1,c,0,0,human_needs_help,help,none,1,1,0\n", "column study: found 'other'"),
-        (",".join(HEADER) + "\ntest,1,c,0,1,human_needs_help,help,none,1,1,0\n", "column k"),
-        (",".join(HEADER) + "\ntest,1,c,0,0,human_needs_help,help,none,1.5,1,0\n", "column team_tokens"),
-    ],
-)
-def test_a_file_of_something_else_is_left_alone(tmp_path, content, words):
-    path = tmp_path / "log.csv"
-    path.write_text(content)
-    with pytest.raises(InputError, match=words):
-        EventRows(path, "test")
-    assert path.read_text() == content
-
-
-def test_only_csv(tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        EventRows(tmp_path / "log.parquet", "test")
-
-
-# -- rounds ----------------------------------------------------------------------------------------
-def test_a_key_between_two_ticks_is_not_lost():
-    game = Round(parameters=SHORT, seed=1)
-    live = LiveRound(game, 0, "signal")
-    live.key(4, True)
-    live.key(0, False)
-    live.tick()
-    assert game.human == (1, 2)
-    live.key(4, True)
-    live.key(0, False)
-    live.tick()
-    assert game.human == (1, 2), "two ticks a step"
-    live.tick()
-    assert game.human == (1, 3), "the tap waited for the step to end"
-    live.tick()
-    live.tick()
-    assert game.human == (1, 3), "and counted once"
-
-
-def test_a_held_key_goes_on_and_a_tap_comes_first():
-    game = Round(parameters=SHORT, seed=1)
-    live = LiveRound(game, 0, "signal")
-    live.key(4, True)
-    for _ in range(5):
-        live.tick()
-    assert game.human == (1, 4)
-    live.key(3, True)
-    live.key(4, False)
-    for _ in range(2):
-        live.tick()
-    assert game.human == (1, 3)
-    live.release()
-    for _ in range(4):
-        live.tick()
-    assert game.human == (1, 3)
-
-
-def test_who_never_saw_the_robot_trapped_did_not_refuse():
-    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": 1000})
-    live = LiveRound(Round(parameters=never, trapped="robot", seed=1), 0, "signal")
-    assert play_to_the_end(live, True).observation == "missing"
-    live = LiveRound(Round(parameters=never, trapped="human", seed=1), 0, "help")
-    assert play_to_the_end(live, True).observation == "none"
-
-
-def test_the_page_is_not_told_what_cannot_be_seen():
-    live = LiveRound(Round(parameters=SHORT, trapped="robot", acts=False, seed=1), 0, "no_signal")
-    while not live.done:
-        live.tick()
-        said = json.dumps(live.state())
-        assert "trap" not in said
-        assert live.state()["flash"] is None
-    assert live.game.sprung
-    assert not {"mode", "action", "acts", "trapped", "seed"} & set(live.start(3, 0.0, 0.1))
-
-
-# -- studies ---------------------------------------------------------------------------------------
 def test_a_study_from_consent_to_end(opened, settings):
     study = opened(settings)
     token, person = study.agree()
@@ -165,7 +36,7 @@ def test_a_study_from_consent_to_end(opened, settings):
     assert np.all(log.tokens["team_tokens"] == log.tokens["human_tokens"] + log.tokens["robot_tokens"])
     assert study.summary == {
         "log": str(study.out), "records": str(study.folder), "people": 1, "rounds": 3,
-        "finished": 1, "withdrawn": 0,
+        "finished": 1, "withdrawn": 0, "untrapped": 0, "too_late": 0,
     }  # fmt: skip
     assert token not in study.journal.path.read_text()
 
@@ -297,6 +168,41 @@ def test_one_server_a_log(opened, settings):
         opened(settings)
     study.close()
     opened(settings)
+
+
+def test_a_lock_leaves_nothing_behind_where_nothing_was_written(tmp_path, opened, settings):
+    out = tmp_path / "log.csv"
+    lock = LogLock(out)
+    with pytest.raises(InputError, match="another server is writing there"):
+        LogLock(out)
+    assert folder_of(out).is_dir()
+    lock.close()
+    lock.close()
+    assert not any(tmp_path.iterdir())
+    study = opened(settings)
+    study.agree()
+    study.close()
+    assert (study.folder / "people.jsonl").exists()
+    LogLock(out).close()
+    assert (study.folder / "people.jsonl").exists()
+    folder_of(tmp_path / "own.csv").mkdir()
+    LogLock(tmp_path / "own.csv").close()
+    assert folder_of(tmp_path / "own.csv").is_dir(), "somebody else's folder stays"
+
+
+def test_a_log_goes_into_a_folder_that_is_there(tmp_path):
+    with pytest.raises(InputError, match=r"found no folder .*nowhere, wanted a log in a folder that is there"):
+        LogLock(tmp_path / "nowhere" / "log.csv")
+    assert not any(tmp_path.iterdir())
+
+
+def test_rounds_are_counted_however_many_withdraw(opened, settings):
+    study = opened(settings)
+    _, person = study.agree()
+    play_to_the_end(study.begin(person), True)
+    study.finish(person)
+    study.withdraw(person)
+    assert (study.played, study.summary["rounds"]) == (1, 0)
 
 
 def test_a_damaged_journal_is_refused(opened, settings):

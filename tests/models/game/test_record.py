@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.errors import InputError
-from models.game.record import RoundRecord, read_records, record, replay, replayed, write_records
+from models.game.record import RoundRecord, content_digest, read_records, record, replay, replayed, write_records
 from models.game.round import Round
 from tests.models.game.cases import games, play
 
@@ -67,7 +67,12 @@ def broken(**changes):
     [
         ([], "x: found [], wanted an object"),
         (broken(format="other"), "x, format: found 'other', wanted 'prosocial-round'"),
-        (broken(version=2), "x, version: found 2, wanted 1"),
+        (broken(version=1), "x, version: found 1, wanted 2"),
+        (broken(version=True), "x, version: found True, wanted 2"),
+        (broken(version=2.0), "x, version: found 2.0, wanted 2"),
+        (broken(digest=None), "x, digest: found None"),
+        (broken(acts=False), "of this line: the record was changed"),
+        (broken(more=[]), "of this line: the record was changed"),
         (broken(map=3), "x, map: found 3, wanted a name"),
         (broken(lines="###"), "x, lines: found '###', wanted the map's lines"),
         (broken(lines=["#H", "R."]), "x, map, room 1: found no red door"),
@@ -96,10 +101,15 @@ def test_broken_records_are_refused_with_the_place(content, message):
 def test_a_forged_outcome_or_move_is_found():
     content = record(played()).to_dict()
     content["outcome"]["robot_tokens"] += 1
+    with pytest.raises(InputError, match=r"here, digest: found '[0-9a-f]{64}', wanted [0-9a-f]{64}"):
+        RoundRecord.from_dict(content, "here")
+    # Whoever makes the digest anew is found by the replay.
+    content["digest"] = content_digest(content)
     with pytest.raises(InputError, match=r"here, outcome, robot_tokens: found \d+, wanted \d+, which these moves"):
-        list(replay(RoundRecord.from_dict(content), "here"))
+        list(replay(RoundRecord.from_dict(content, "here"), "here"))
     content = record(played()).to_dict()
     content["inputs"] = content["inputs"][:-20]
+    content["digest"] = content_digest(content)
     with pytest.raises(InputError, match="outcome, ticks"):
         list(replay(RoundRecord.from_dict(content)))
 
@@ -114,3 +124,34 @@ def test_broken_files_are_named(tmp_path):
     path.write_bytes(b"\xff")
     with pytest.raises(InputError, match=r"rounds\.jsonl, byte 0"):
         read_records(path)
+    for text in (
+        "1" * 5000,
+        json.dumps(record(Round(seed=7)).to_dict()).replace('"seed": 7', f'"seed": {"9" * 5000}'),
+    ):
+        path.write_text(f"\n{text}\n")
+        with pytest.raises(InputError, match=r"rounds\.jsonl, line 2: holds a number of more digits"):
+            read_records(path)
+
+
+@given(st.data())
+def test_every_changed_entry_is_found(data):
+    """Also those that make no difference to the replay; the order of entries is free."""
+    content = json.loads(json.dumps(CONTENT))
+    assert RoundRecord.from_dict(dict(reversed(content.items()))).seed == 3
+    where = data.draw(st.sampled_from(["acts", "parameters", "outcome", "seed", "map"]))
+    if where == "parameters":
+        name = data.draw(st.sampled_from(["human_notice_ticks", "human_lapse_ticks", "robot_help_delay"]))
+        content[where][name] += data.draw(st.integers(1, 100))
+    elif where == "outcome":
+        content[where]["extra"] = data.draw(st.integers(0, 9))
+    elif where == "acts":
+        content[where] = not content[where]
+    elif where == "seed":
+        content[where] += data.draw(st.integers(1, 10**6))
+    else:
+        content[where] += data.draw(st.text(min_size=1))
+    with pytest.raises(InputError, match=r"digest: .* the record was changed"):
+        RoundRecord.from_dict(content)
+
+
+CONTENT = record(Round(seed=3)).to_dict()

@@ -68,7 +68,7 @@ def test_what_an_outcome_says():
     assert played.helped.tolist() == [True, False, True]
     assert (played.team_tokens == played.human_tokens + played.robot_tokens).all()
     # Nobody frees the robot in the second round: it is interrupted to the end.
-    assert played.robot_interruption_ticks[1] == 1100 - played.trapped_tick[1] - 1
+    assert played.robot_interruption_ticks[1] == GameParameters().round_ticks - played.trapped_tick[1] - 1
     assert played.human_interruption_ticks[1] == 0
     assert "2 players freed" in played.sentence
 

@@ -249,6 +249,28 @@ def test_what_counts_as_at_least_goes_by_what_a_draw_can_come_to(batch):
     assert [some.arrays(d).least for d in range(3)] == wanted
 
 
+@pytest.mark.parametrize("cost", [15.0, 0.01, 0.0])
+def test_no_draw_depends_on_what_the_first_one_comes_to(batch, cost):
+    """Next to nothing is at stake in a first draw that never leaves the state where nothing is paid."""
+    draws = batch.draws.some(slice(0, 9))
+    initial, transition = draws.initial.copy(), draws.transition.copy()
+    initial[:2], transition[:2] = np.eye(4)[[0, 3]], np.eye(4)  # the second never leaves the best one
+    costs = {"help": cost, "signal": cost}
+    draws = replace(draws, initial=initial, transition=transition, reward=Reward(default_x(4), costs=costs))
+    some = LatentBatch(draws, batch.process, 0.95)
+    rewards = [c.reward for offered in some.problem(0).choices for c in offered]
+    for d in range(9):
+        assert some.arrays(d).largest == np.abs(rewards).max() / (1 - 0.95)
+        assert some.arrays(d).span == (np.max(rewards) - np.min(rewards)) / (1 - 0.95)
+    every = solve_draws(some, 1e-3, threads=1)
+    rest = solve_draws(replace(some, draws=draws.some(slice(1, 9))), 1e-3, threads=1)
+    assert every.certified.all()
+    np.testing.assert_array_equal(every.lower[1:], rest.lower)
+    np.testing.assert_array_equal(every.upper[1:], rest.upper)
+    for one, two in zip(every.solutions[1:], rest.solutions, strict=True):
+        np.testing.assert_array_equal(one.alpha, two.alpha)
+
+
 @pytest.mark.slow
 def test_three_hundred_draws_are_all_certified():
     batch = LatentBatch(sticky_draws(300, 23), mode_processes()["alternating"], 0.95)

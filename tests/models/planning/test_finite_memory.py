@@ -7,8 +7,12 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from models.errors import InputError
 from models.planning import finite_memory
+from models.planning.controller import controller_of
 from models.planning.finite_memory import infinite_value
+from models.planning.solver import solve
+from models.planning.textbook import textbook_problem
 from tests.models.planning.policy_cases import policy, problem
 
 
@@ -52,6 +56,16 @@ def test_large_systems(kind, discount):
     assert np.abs(v - wanted).max() <= error + 1e-9 * np.abs(wanted).max()
     assert error <= 1e-8 * np.abs(wanted).max()
     assert visits.sum() * (1 - discount) == pytest.approx(1, rel=1e-9)
+
+
+def test_beliefs_are_said_to_be_no_finite_memory():
+    """One that rules out a state the problem could be in, if it had not begun where it did; compiled it can be."""
+    turn = np.array([[0.0, 1.0], [1.0, 0.0]])
+    clock = textbook_problem([turn], [np.eye(2)], [[0.0, 1.0]], 0.5, [1.0, 0.0])
+    solution = solve(clock)
+    with pytest.raises(InputError, match=r"memory: found beliefs, .* compile it to a controller"):
+        infinite_value(solution.policy, clock)
+    assert infinite_value(controller_of(solution.policy), clock).value == pytest.approx(2 / 3)
 
 
 def test_a_full_table_is_not_factorised(monkeypatch):

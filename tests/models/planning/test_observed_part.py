@@ -8,6 +8,7 @@ from scipy import sparse
 
 from models.planning import solver
 from models.planning.arrays import arrays_of
+from models.planning.controller import FiniteStateController, controller_of
 from models.planning.formats.end_state import flat
 from models.planning.observed_part import observed_part
 from models.planning.problem import Problem
@@ -119,6 +120,71 @@ def test_solved_with_and_without(make, monkeypatch):
         assert (alpha <= value + 1e-8).all()
     belief = whole.initial[0]
     assert with_part.policy.value(belief, whole.modes[0]) >= with_part.lower - 1e-8
+
+
+def rooms(seed: int) -> Problem:
+    """Rooms that are heard, 18 to 25 states; every action leads to some states only, and one state is beyond reach.
+
+    What a state would show after an action that does not lead there is anything, other rooms' sounds included, and
+    rewards punish whoever takes one room for another.
+    """
+    rng = np.random.default_rng(seed)
+    room = np.repeat(np.arange(8), rng.integers(2, 4, size=8))
+    n, actions = len(room), int(rng.integers(2, 4))
+    beyond = int(rng.integers(n))
+    t, shown = np.zeros((actions, n, n)), np.zeros((actions, n, 16))
+    for a in range(actions):
+        ends = np.setdiff1d(rng.choice(n, n // 2, replace=False), [beyond])
+        for s in range(n):
+            t[a, s, rng.choice(ends, 2, replace=False)] = rng.dirichlet(np.ones(2))
+            shown[a, s, 2 * room[s] : 2 * room[s] + 2] = rng.dirichlet(np.ones(2))
+        for s in np.setdiff1d(np.arange(n), ends):
+            shown[a, s] = 0
+            shown[a, s, rng.choice(16, 3, replace=False)] = 1 / 3
+    good = rng.integers(actions, size=8)[room] == np.arange(actions)[:, None]
+    reward = np.where(good, rng.random((actions, n)), -20.0)
+    reward[:, beyond] = 300 * rng.choice([-1, 1])
+    start = np.where(room == rng.integers(8) if rng.random() < 0.5 else True, rng.random(n), 0)
+    start[beyond] = 0
+    order = rng.permutation(n)  # rooms do not come one after the other
+    return textbook_problem(
+        t[:, order][:, :, order], shown[:, order], reward[:, order], 0.9, start[order] / start.sum()
+    )  # fmt: skip
+
+
+def worth(problem: Problem, controller: FiniteStateController) -> float:
+    """Of a controller in a problem of one mode, from the start: node and state are a Markov chain."""
+    n, nodes = problem.n_states, controller.n_nodes
+    chain, reward = np.zeros((nodes, n, nodes, n)), np.zeros((nodes, n))
+    for i, c in enumerate(controller.choice):
+        branch = problem.choices[0][c].branches[0]
+        reward[i] = problem.choices[0][c].reward
+        for o, shown in zip(branch.observations, branch.emission.toarray().T, strict=True):
+            chain[i, :, controller.follow[i, 0, o]] += branch.transition.toarray() * shown
+    size = nodes * n
+    system = np.eye(size) - problem.discount * chain.reshape(size, size)
+    values = np.linalg.solve(system, reward.ravel()).reshape(nodes, n)
+    return float(problem.initial[0] @ values[controller.start[0]])
+
+
+@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("limit", [1e-9, 5.0], ids=["in no time", "in time"])
+def test_the_returned_policy_graph_is_worth_the_lower_bound(seed, limit):
+    problem = rooms(seed)
+    part = observed_part(problem)
+    assert part is not None
+    # Of two blocks that an action is said to show alike, one at least does not show it as it is not come to.
+    blocks = part.members[: np.searchsorted(np.cumsum([len(m) for m in part.members]), problem.n_states) + 1]
+    written = [
+        np.stack([choice.branches[0].emission.toarray()[block].any(axis=0) for block in blocks])
+        for choice in problem.choices[0]
+    ]
+    assert max(w.sum(axis=0).max() for w in written) > 1
+    solution = solve(problem, 1e-2, time_limit=limit)
+    values = reference.controller_values(problem, solution.mode, solution.choice, solution.follow)
+    for alpha, value in zip(solution.alpha, values, strict=True):
+        assert (alpha <= value + 1e-7).all()
+    assert worth(problem, controller_of(solution.policy)) >= solution.lower - 1e-8
 
 
 def test_thousands_of_states_take_no_time():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.planning import solver
+from models.planning import within_reach as reach
 from models.planning.arrays import arrays_of
 from models.planning.formats.end_state import flat
 from models.planning.problem import Problem
@@ -122,6 +123,67 @@ def test_blocks_with_a_place_beyond():
         assert (alpha[:-1] <= value[:-1] + 1e-7).all()
     for alpha, value in zip(other.alpha, reference.controller_values(problem, *graph), strict=True):
         assert alpha[-1] <= value[-1] + 1e-9 * 1e12
+
+
+def walled_off(n: int) -> Problem:
+    """A sparse problem, and a state worth a million that nothing leads to: solved in blocks, or as it is."""
+    return with_a_place_beyond(sparse_problem(3, n), 1e6, True)
+
+
+@pytest.mark.parametrize("make", [
+    lambda: walled_off(20),
+    lambda: with_a_place_beyond(flat(modal_problem(3, (6, 5, 7, 6)), hide_start=True), 1e6, True),
+], ids=["as it is", "in blocks"])  # fmt: skip
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_interrupted_while_the_policy_is_put_in_order(make, when, monkeypatch):
+    """The second time nothing is done that is not needed; what the search found is not lost."""
+    problem, plain, given = make(), solver.beyond_reach, []
+
+    def interrupted(problem, arrays, vectors, work):
+        given.append(work)
+        if when == "after" or len(given) > 1:
+            plain(problem, arrays, vectors, work)
+        if len(given) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(solver, "beyond_reach", interrupted)
+    solution = solve(problem, 0.05, time_limit=2)
+    assert solution.status == "interrupted"
+    assert given[0] > 0 == given[1]
+    graph = solution.mode, solution.choice, solution.follow
+    values = reference.controller_values(problem, *graph)
+    for alpha, value in zip(solution.alpha, values, strict=True):
+        assert (alpha <= value + 1e-6).all()
+    assert max(problem.initial[0] @ alpha for alpha in solution.alpha) >= solution.lower - 1e-6
+    assert max(problem.initial[0] @ value for value in values) >= solution.lower - 1e-6
+
+
+def test_what_lies_beyond_is_worth_some_work_only(monkeypatch):
+    """Nobody looks at the clock any longer; what is too much is left at the least there can be."""
+    problem = walled_off(20)
+    arrays, spent = arrays_of(problem), []
+    plain = reach.evaluate_closed
+
+    def counted(arrays, vectors, first, tolerance, most):
+        spent.append(most * len(vectors.alpha) * (len(arrays.value) + len(arrays.seen_value)) / len(arrays.reward))
+        plain(arrays, vectors, first, tolerance, most)
+
+    monkeypatch.setattr(reach, "evaluate_closed", counted)
+    found = solve(problem, 0.05, time_limit=2)
+    assert found.alpha_vectors > 1
+    for work in (0.0, 1.0, 1e4, 1e5, 1e9):
+        spent.clear()
+        vectors = solver.warm_vectors(arrays, found)
+        vectors.alpha[: found.alpha_vectors] = found.alpha
+        reach.beyond_reach(problem, arrays, vectors, work)
+        assert sum(spent) <= work
+        alpha = vectors.alpha[: found.alpha_vectors]
+        np.testing.assert_array_equal(alpha[:, :-1], found.alpha[:, :-1])
+        if not spent:
+            assert (alpha[:, -1] == arrays.reward.min() / (1 - 0.9)).all()
+        values = reference.controller_values(problem, found.mode, found.choice, found.follow)
+        assert (alpha <= np.stack(values) + 1e-6).all()
+    np.testing.assert_allclose(alpha[:, -1], [v[-1] for v in values], rtol=1e-6)
 
 
 def test_rewards_within_reach_are_left_alone():

@@ -76,6 +76,24 @@ def test_bounds_that_cross_are_not_passed_on():
         touching("p", 1.5, 1.0, 1.0)
 
 
+def test_bounds_that_cross_by_rounding_do_not_go_back(monkeypatch):
+    told = iter([(0.5, 1.0), (1.0 + 2e-13, 1.0 - 2e-13)])
+
+    class Rounded(GridSearch):
+        said = (-np.inf, np.inf)
+        lower = property(lambda self: self.said[0])
+        upper = property(lambda self: self.said[1])
+
+        def step(self, precision, relative):
+            self.said = next(told)
+            return False
+
+    monkeypatch.setattr(solver, "GridSearch", Rounded)
+    solution = solve(CASES["dense 2"])
+    assert [(p.lower, p.upper) for p in solution.trace] == [(0.5, 1.0), (1.0, 1.0)]
+    assert (solution.status, solution.lower, solution.upper) == ("converged", 1.0, 1.0)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_points_of_the_grid_are_beliefs_however_fine_it_gets(seed):
     problem = modal_problem(seed, (2, 3, 1))

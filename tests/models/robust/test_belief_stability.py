@@ -13,7 +13,9 @@ from models.planning.alpha_policy import AlphaPolicy
 from models.planning.baselines import Reciprocal, never, uniformly_random
 from models.planning.batch import solve_draws
 from models.planning.latent import LatentBatch
+from models.planning.mode_process import alternating
 from models.protocol import PUBLISHED
+from models.reward import Reward, default_x
 from models.robust import belief_stability as module
 from models.robust.belief_stability import (
     UNDECIDED,
@@ -23,7 +25,7 @@ from models.robust.belief_stability import (
     face_grid,
     start_stability,
 )
-from models.robust.history_stability import history_stability
+from models.robust.history_stability import _in_percent, history_stability
 from tests.models.robust.endless_cases import batches, solved
 from tests.reference import controllers as reference
 from tests.reference import planning as brute
@@ -196,14 +198,42 @@ def test_histories_by_filtering():
     assert whole.table["event"].tolist() == [1, 2, 3, 4]
     event, g = whole.most_divided
     least = min(
-        e.stability.leaning[i].max() for e in found for i in range(len(e.histories)) if e.probability[i] >= 0.01
-    )
-    assert event.stability.leaning[g].max() == least
+        e.stability.share[i].max() + e.stability.undecided[i]
+        for e in found for i in range(len(e.histories)) if e.probability[i] >= 0.01
+    )  # fmt: skip
+    assert event.stability.share[g].max() + event.stability.undecided[g] == least
     assert f"event {event.event + 1} ({event.stability.mode})" in whole.sentence
     assert "each draw's own belief" in whole.sentence
     rows = last.rows()
     assert rows[2]["history"] == "no_signal: help, help, no_signal: no_help"
     assert rows[2]["loss of signal"] >= 0
+
+
+def test_a_tie_in_every_draw_is_no_division():
+    """Where a signal changes nothing and is free, all draws are undecided, and none disagrees with another."""
+    draws = solved().batch.draws
+    signal, quiet = (PUBLISHED.action_names.index(a) for a in ("signal", "no_signal"))
+    transition, emission = draws.transition.copy(), draws.emission.copy()
+    transition[:, signal] = transition[:, quiet]
+    shown = [PUBLISHED.emission_actions.index(a) for a in ("signal", "no_signal")]
+    emission[:, shown[0]] = emission[:, shown[1]]
+    reward = replace(draws.reward or Reward(default_x(draws.n_states)), costs={"signal": 0.0, "help": 4.0})
+    same = replace(draws, transition=transition, emission=emission, reward=reward)
+    found = history_stability(solve_draws(LatentBatch(same, alternating(PUBLISHED))), "HRH", never(PUBLISHED))
+    assert found.events[0].stability.undecided == pytest.approx(np.ones(1))
+    event, _ = found.most_divided
+    assert event.event == 1
+
+
+def test_percents_sum_to_a_hundred():
+    assert _in_percent({"a": 0.986, "b": 0.014, "c": 0.0}) == "a 99%, b 1%, c 0%"
+    assert _in_percent({"a": 0.985, "b": 0.015, "c": 0.0}).count(" 0%") == 1
+    for seed in range(50):
+        shares = np.random.default_rng(seed).dirichlet(np.full(4, 0.3))
+        told = _in_percent(dict(zip("abcd", shares.tolist(), strict=True)))
+        whole = np.array([int(part.split()[1][:-1]) for part in told.split(", ")])
+        assert whole.sum() == 100
+        assert np.all(np.abs(whole - 100 * shares) < 1)
 
 
 def test_one_belief_for_all_draws():

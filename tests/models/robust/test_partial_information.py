@@ -13,11 +13,11 @@ from models.errors import InputError
 from models.model_draws import ModelDraws
 from models.planning.schedule import Schedule
 from models.protocol import PUBLISHED
-from models.robust.block_smoother import Terms, block_features, block_names, block_words
-from models.robust.block_worth import BlockWorth
+from models.robust.block_smoother import Terms, block_features, block_names, block_words, equal_blocks
+from models.robust.block_worth import BlockWorth, PartialInformation
 from models.robust.draw_groups import DrawGroups
 from models.robust.information import perfect_information
-from models.robust.partial_information import partial_information
+from models.robust.partial_information import _best_elsewhere, _Cells, partial_information
 from tests.models.robust.information_cases import cloud, contested, doubts
 from tests.reference.information import grouped_value
 
@@ -180,7 +180,124 @@ def test_sentences():
     )
     assert replace(row, worth=-0.01).sentence.endswith("that may be nothing at all.")
     assert "0 reward units" in replace(row, worth=-0.01).sentence
-    assert "today's plan is the best one" in replace(row, in_sample=0.0).sentence
+    assert "as far as these draws tell: no rule was found" in replace(row, in_sample=0.0).sentence
+    few = replace(row, worth=float("nan"), se=float("nan"))
+    assert few.sentence.endswith("which is too much).")
+    assert "too few draws" in replace(few, in_sample=0.0).sentence
+    assert "whatever" not in replace(few, in_sample=0.0).sentence
+    sure = replace(row, se=float("nan"), in_sample=1.234, exact=True)
+    assert sure.sentence == "Knowing how help moves people would be worth 1.2 reward units a person."
+    assert "today's plan is the best one" in replace(sure, worth=0.0, in_sample=0.0).sentence
+    assert "the same in all of these models" in replace(sure, probabilities=0).sentence
+
+
+def test_the_most_worth_knowing_in_words():
+    one = BlockWorth("transition[help]", 3.2, 0.7, 3.5, 3.3, 5, 12)
+    two, three = replace(one, block="initial", worth=3.0, se=0.6), replace(one, block="emission", worth=0.2, se=0.1)
+    found = PartialInformation((two, one, three), 8.0, 7.0, 9, 4, None, 400)
+    assert found.sentence == (
+        "Most worth knowing is how help moves people: 3.2 reward units a person (standard error 0.7), of 8 that "
+        "perfect knowledge of all tables would be worth; as far as the errors tell how people start (3) may be "
+        "worth as much."
+    )
+    assert "as much" not in replace(found, rows=(one, three)).sentence
+    nan = float("nan")
+    all_of_it = [replace(r, worth=8.0, se=nan, exact=True) for r in (one, two)]
+    less = replace(three, se=nan, exact=True)
+    exact = replace(found, rows=(*all_of_it, less), exact=True, draws=3)
+    assert exact.sentence.startswith("Knowing any of 2 blocks (how help moves people; how people start) would")
+    assert replace(exact, rows=tuple(all_of_it)).sentence.startswith("Knowing any single block of the tables")
+    assert replace(exact, rows=(less,)).sentence.endswith("tables would be worth.")
+    assert "as far as" not in replace(exact, rows=(replace(less, worth=0.0),)).sentence
+
+
+# -- lists of models -----------------------------------------------------------------------------
+def same_table(draws, block, kinds):
+    """Which rows have a block in common with each other, all kinds of people together; by looking."""
+    table, _, action = block.rstrip("]").partition("[")
+    values = getattr(draws, table)
+    if action:
+        names = PUBLISHED.action_names if table == "transition" else PUBLISHED.emission_actions
+        values = values[:, names.index(action)]
+    seen = values.reshape(draws.n_draws // kinds, -1).round(9)
+    return np.unique(seen, axis=0, return_inverse=True)[1].ravel().repeat(kinds)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kinds", [1, 2])
+def test_blocks_of_a_list_are_worth_what_being_told_them_is(seed, kinds):
+    draws, _ = crossed(seed, 3, 4)
+    schedule = Schedule.of(draws, "RHRH")
+    perfect = perfect_information(schedule, kinds=kinds, sampled=False)
+    done = []
+    found = partial_information(schedule, kinds=kinds, perfect=perfect, progress=lambda *x: done.append(x))
+    assert found.exact
+    assert found.enough
+    assert done[-1] == (len(found.rows), len(found.rows))
+    for row in found.rows:
+        told = grouped_value(schedule, same_table(draws, row.block, kinds))
+        assert row.worth == pytest.approx(told, **CLOSE)
+        assert row.in_sample == row.worth <= found.perfect + 1e-9
+        assert np.isnan(row.se)
+
+
+def test_such_lists_are_worth_telling_apart():
+    """Blocks between nothing and everything, or the test before says little."""
+    shares = []
+    for seed in range(6):
+        schedule = Schedule.of(crossed(seed, 3, 4)[0], "RHRH")
+        found = partial_information(schedule, perfect=perfect_information(schedule, sampled=False))
+        shares += [r.worth / found.perfect for r in found.rows if found.perfect > 1e-6]
+    assert sum(0.02 < s < 0.98 for s in shares) >= 3
+    assert max(shares) > 0.9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_blocks_that_tell_the_models_apart_are_worth_perfect_knowledge(seed):
+    schedule = Schedule.of(cloud(seed, 5, spread=2.0), "RHRH")
+    perfect = perfect_information(schedule, sampled=False)
+    assert perfect.value > 0
+    for row in partial_information(schedule, perfect=perfect).rows:
+        assert row.worth == pytest.approx(perfect.value, rel=1e-9)
+
+
+def test_models_without_weight_tell_nothing():
+    draws, _ = crossed(2, 2, 3)
+    keep = np.arange(len(draws.weight)) < 3
+    none = replace(draws, weight=keep / keep.sum())
+    schedule = Schedule.of(none, "RHRH")
+    found = partial_information(
+        schedule, ["transition[help]"], perfect=perfect_information(schedule, sampled=False)
+    )
+    assert found.rows[0].worth == 0
+
+
+def test_equal_blocks():
+    draws, group = crossed(5, 2, 3)
+    groups = DrawGroups.of(draws)
+    found = equal_blocks(draws, groups, "transition[help]")
+    assert np.array_equal(found[:, None] == found, group[:, None] == group)
+    noise = replace(draws, transition=draws.transition + 1e-15)
+    assert np.array_equal(equal_blocks(noise, groups, "transition[help]"), found)
+    pairs = equal_blocks(draws, DrawGroups.of(draws, 3), "emission")
+    assert len(set(pairs.tolist())) == 1
+
+
+def test_a_block_is_worth_its_parts(posterior):
+    found = {r.block: r for r in partial_information(posterior).rows}
+    whole, parts = found["emission"], [found[f"emission[{a}]"] for a in PUBLISHED.emission_actions]
+    assert all(whole.in_sample >= p.in_sample for p in parts)
+    assert whole.worth >= max(p.worth for p in parts) - 2 * whole.se - 2 * max(p.se for p in parts)
+    # What is said of a block does not depend on what else was asked.
+    assert partial_information(posterior, ["emission"]).rows[0] == whole
+
+
+def test_the_rule_of_the_other_parts():
+    fold = np.array([0, 0, 1, 1])
+    first = _Cells(np.zeros(4, int), (), np.array([5.0, 5.0, 0.0, 0.0]), 0.0)
+    second = replace(first, gain=np.array([1.0, 1.0, 2.0, 2.0]))
+    gain = _best_elsewhere([first, second], np.full(4, 0.25), fold)
+    assert gain.tolist() == [1.0, 1.0, 0.0, 0.0]
     assert block_words("emission[no_signal]") == "how each state responds to no signal"
     assert block_words("transition") == "how people move"
 

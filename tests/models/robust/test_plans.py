@@ -13,6 +13,7 @@ from models.planning.exact import solve_schedule
 from models.planning.mixed_policy import MixedPolicy
 from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
+from models.robust.contested import with_costs
 from models.robust.open_loop import open_loop
 from models.robust.own_plans import own_plans
 from models.robust.plan_table import BestPlans, PlanEvaluator, PlanTable
@@ -126,7 +127,9 @@ def test_stability_along_a_plan(schedule):
     assert by_event == pytest.approx(np.ones(schedule.n_events))
     first = found.standings[0]
     own = own_plans(schedule)
-    assert first.share == pytest.approx(own.first_action_shares)
+    best = np.sort(own.first_values, axis=1)
+    if best.shape[1] == 1 or (best[:, -1] - best[:, -2]).min() > 1e-9:
+        assert first.share == pytest.approx(own.first_action_shares)
     assert first.information == pytest.approx(0, abs=1e-12)
     for x in found.standings:
         assert sum(x.share.values()) == pytest.approx(1)
@@ -142,6 +145,26 @@ def test_stability_along_a_plan(schedule):
             joint = schedule.after(joint, schedule.first_action(k) + int(plan.decisions[k][number]), seen)
             number = number * schedule.n_outcomes(k) + (seen or 0)
         assert x.weight == pytest.approx(joint.sum(axis=1) / joint.sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize("rounding", [0.0, 2e-16])
+def test_draws_to_which_actions_are_worth_the_same_do_not_disagree(rounding):
+    """A signal that changes nothing and is free: no draw is against it, nor against its absence."""
+    draws = sticky_draws(12, 3)
+    signal, quiet = (draws.protocol.action_names.index(a) for a in ("signal", "no_signal"))
+    transition, emission = draws.transition.copy(), draws.emission.copy()
+    transition[:, signal] = transition[:, quiet] * (1 + rounding * np.arange(12)[:, None, None])
+    shown = [draws.protocol.emission_actions.index(a) for a in ("signal", "no_signal")]
+    emission[:, shown[0]] = emission[:, shown[1]]
+    same = with_costs(
+        Schedule.of(replace(draws, transition=transition, emission=emission), "HRH"), {"signal": 0.0, "help": 4.0}
+    )
+    plan = solve_schedule(same)
+    first = decision_stability(same, plan).standings[0]
+    assert first.share[plan.first_action] == pytest.approx(1)
+    assert first.words == f"{plan.first_action} first is right in every draw."
+    other = tuple(1 - level if k == 0 else level for k, level in enumerate(plan.decisions))
+    assert decision_stability(same, other).standings[0].regret == 0
 
 
 def test_one_draw_is_sure_of_its_own_plan():

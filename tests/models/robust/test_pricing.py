@@ -188,6 +188,10 @@ def test_one_plan_best_at_every_level_is_said():
 def test_the_first_decision_flips_at_the_flip_point(schedule):
     flips = flip_points(schedule)
     assert [f.mode for f in flips] == ["robot_needs_help", "human_needs_help"]
+    # The second decision is looked at as if the schedule began there, and says so.
+    assert [f.event for f in flips] == [0, 1]
+    assert ", were the schedule to begin with event 2: " in flips[1].sentence
+    assert flips[0].sentence.startswith("robot_needs_help: ")
     found = [f for f in flips if f.multiple is not None]
     assert found
     for f in found:

@@ -49,6 +49,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     """One simulated study beside the printed one, then stored replicates."""
     if not context.is_published_protocol:
         raise NotSupported(f"the game plays the published rounds, and these are of {context.protocol.name!r}")
+    if set(context.log.conditions) != set(context.published["study1"]["conditions"]):
+        raise NotSupported("study 2 followed the published study 1, and this study has other conditions")
     study = context.published["study2"]
     intro = (
         f"Study 2 put {study['participants']} people under {len(study['policies'])} policies for {study['rounds']} "

@@ -37,8 +37,8 @@ def replicate_game_command(
 
     from analysis import progress
     from analysis.evidence import record
-    from analysis.game_calibration import calibrate_game
-    from analysis.game_settings import compare_settings, compared_sentence, settings_tried
+    from analysis.game_calibration import calibrate_game, in_words
+    from analysis.game_settings import compare_settings, compared_sentence, narrow, settings_tried
     from analysis.game_study import learn_from_both
     from analysis.study2_evidence import game_settings
     from models.errors import located
@@ -72,9 +72,15 @@ def replicate_game_command(
     }  # fmt: skip
     what = "Study 1 in the token game: simulated people of a known truth, beside numbers printed in the paper."
     content = record(what, shlex.join(words), seed, result, RESTS_ON)
-    report.say(_shown(found.table, 2))
+    report.say(
+        f"Simulated: {studies} studies 1 of {participants} people in the game. Printed: in the paper.\n"
+        f"{_shown(in_words(found.table), 2)}"
+    )
     if tried:
-        report.say(f"\nSettings tried, {tried} studies each:\n{_shown(searched, 2)}")
+        report.say(
+            f"\nSettings tried, simulated, {tried} studies each (round, step, help, signal in seconds; lapses in "
+            f"% of steps; x by state; rms: distance from the printed x):\n{_shown(narrow(searched), 1)}"
+        )
     report.say(f"\nHelp rates, true and as learned:\n{_shown(learned.rates, 3)}")
     report.say("\n" + "\n".join(told) + f" Seed {seed}.")
     finish_evidence(report, out, content)

@@ -20,6 +20,7 @@ from analysis.cli_options import (
     distinct_files,
     load_protocol,
 )
+from analysis.wording import counted
 from models.errors import InputError, located
 
 DEFAULT_DATA = "simulated_study1"
@@ -43,7 +44,22 @@ def report_command(
             help="Whether the design ended runs at random; fixed: every shorter run is somebody who left.",
         ),
     ] = None,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option("--compare", metavar="A B", help="Instead: compare two data sets, or stored fits (netCDF)."),
+    ] = None,
+    schedule: Annotated[
+        str | None, typer.Option("--schedule", help="With --compare: rounds that plans are made for.")
+    ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also write a PDF (needs the extra `pdf`).")] = False,
+    parts: Annotated[
+        bool,
+        typer.Option("--parts/--no-parts", help="Also every table as CSV and LaTeX, every figure as SVG and PNG."),
+    ] = True,
+    plan: Annotated[
+        str | None,
+        typer.Option("--plan", metavar="FILE.toml", help="Analysis plan: marks results planned or exploratory."),
+    ] = None,
     out: Annotated[str, typer.Option("--out", metavar="DIR", help="Folder to write into.")] = "reports/build",
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -54,31 +70,48 @@ def report_command(
 
     Condition, states and pins are those of the data card unless given.
 
+    Every table and figure is also a file under parts/ (--no-parts: none of them).
+
     Example: prosocial report --data frd2012 --states 2-4 --out reports/build/frd2012
     """
+    if compare is not None:
+        unfit = {"--data": data if data != DEFAULT_DATA else None, "--run-length": run_length, "--plan": plan,
+                 "--pdf": "given" if pdf else None}  # fmt: skip
+        for option, value in unfit.items():
+            if value is not None:
+                raise located(option, value, "no value: it does not go with --compare")
+        _compare(compare, condition, states, pin, schedule, quick, parts, out, json, quiet, seed, protocol)
+        return
+    if schedule is not None:
+        raise located("--schedule", schedule, "no value: it belongs to --compare")
     from dataclasses import replace
     from pathlib import Path
 
     from analysis import datasets, progress
-    from analysis.report.build import HTML_NAME, PDF_NAME, build_report
+    from analysis.report.analysis_plan import read_analysis_plan
+    from analysis.report.build import HTML_NAME, PARTS_NAME, PDF_NAME, build_report
+    from analysis.report.parts import INDEX, check_parts_folder
     from analysis.report.pdf import check_available
 
     report = Report(json, quiet)
     if run_length not in (None, "random", "fixed"):
         raise located("--run-length", run_length, "random or fixed")
     check_output_folder("--out", out)
+    if parts:
+        check_parts_folder(Path(out) / PARTS_NAME)
+    planned = None if plan is None else read_analysis_plan(plan)
     names = (HTML_NAME, PDF_NAME) if pdf else (HTML_NAME,)
     for name in names:
         check_output("--out", Path(out) / name)
     distinct_files(
-        {"--data": data, "--protocol": protocol, "--out": out, "--json": json}
+        {"--data": data, "--protocol": protocol, "--plan": plan, "--out": out, "--json": json}
         | {f"--out, {name}": Path(out) / name for name in names}
     )
     if pdf:
         check_available()
     given = {"--data": [data], "--condition": condition, "--states": states and [states], "--pin": pin,
              "--run-length": run_length and [run_length],
-             "--protocol": protocol and [protocol], "--seed": [str(seed)]}  # fmt: skip
+             "--protocol": protocol and [protocol], "--plan": plan and [plan], "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", *(["--quick"] if quick else [])]
     command += [word for option, values in given.items() for value in values or [] for word in (option, value)]
     loaded = datasets.load(data, load_protocol(protocol))
@@ -88,7 +121,7 @@ def report_command(
         try:
             result = build_report(
                 loaded, states=states, seed=seed, quick=quick, out=out, condition=condition, pins=pin, pdf=pdf,
-                command=shlex.join(command), progress=watch,
+                parts=parts, plan=planned, command=shlex.join(command), progress=watch,
             )  # fmt: skip
         except OSError as error:
             raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
@@ -99,15 +132,72 @@ def report_command(
         if section.omitted:
             report.say(f"left out: {section.title}: {section.omitted}")
     written = ", ".join(str(path) for path in (result.html, result.pdf) if path is not None)
+    if result.parts is not None:
+        figures, tables = counted(result.parts.figures, "figure"), counted(result.parts.tables, "table")
+        report.say(f"{result.parts.folder}: {figures} and {tables}, each a file; {INDEX} lists them")
     report.say(f"{written}{'; QUICK: fewer restarts, not for citation' if quick else ''}; {result.seconds:.1f} s")
     report.finish(
         {
-            "html": result.html, "pdf": result.pdf,
+            "html": result.html, "pdf": result.pdf, "parts": result.parts and result.parts.folder,
             "sections": [{"key": s.key, "title": s.title, "omitted": s.omitted} for s in result.sections],
             "seconds": result.seconds, "compile_seconds": result.study.compile_seconds,
             "data": data, "kind": loaded.card.kind, "digest": loaded.digest,
             "conditions": result.selection.conditions, "pins": result.selection.pins,
             "states": result.selection.states, "best_by_bic": result.study.best_by_bic, "quick": quick,
             "seed": seed,
+        }
+    )  # fmt: skip
+
+
+def _compare(
+    names: tuple[str, str], condition: list[str] | None, states: str | None, pin: list[str] | None,
+    schedule: str | None, quick: bool, parts: bool, out: str, json: str | None, quiet: bool, seed: int,
+    protocol: str | None,
+) -> None:  # fmt: skip
+    from pathlib import Path
+
+    from analysis import progress
+    from analysis.report.compare import HTML_NAME, compare_report
+
+    report = Report(json, quiet)
+    check_output_folder("--out", out)
+    check_output("--out", Path(out) / HTML_NAME)
+    files = dict(zip(("--compare, A", "--compare, B"), names, strict=True))
+    distinct_files(files | {"--protocol": protocol, "--json": json, f"--out, {HTML_NAME}": Path(out) / HTML_NAME})
+    options = {"--condition": condition, "--states": states and [states], "--pin": pin,
+               "--schedule": schedule and [schedule], "--seed": [str(seed)]}  # fmt: skip
+    command = ["prosocial", "report", "--compare", *names, *(["--quick"] if quick else [])]
+    command += [word for option, values in options.items() for value in values or [] for word in (option, value)]
+    with progress.shown(quiet) as watch:
+        try:
+            result = compare_report(
+                *names, states=states, condition=condition, pins=pin, schedule=schedule, seed=seed, quick=quick,
+                out=out, parts=parts, protocol=load_protocol(protocol) if protocol else None,
+                command=shlex.join(command), progress=watch,
+            )  # fmt: skip
+        except OSError as error:
+            raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+    for side in result.sides:
+        report.say(f"{side.label}: {side.name} ({side.kind}), {side.doubt}")
+        for warning in side.warnings:
+            report.say(f"note: {side.label}: {warning}")
+    for section in result.sections:
+        if section.omitted:
+            report.say(f"left out: {section.title}: {section.omitted}")
+        elif section.key in ("one-model", "plans"):
+            for sentence in section.sentences:
+                report.say(sentence)
+    report.say(
+        f"{result.html}{'; QUICK: fewer restarts, not for citation' if quick else ''}; {result.seconds:.1f} s"
+    )
+    report.finish(
+        {
+            "html": result.html, "pdf": None, "parts": result.parts and result.parts.folder,
+            "sections": [{"key": s.key, "title": s.title, "omitted": s.omitted} for s in result.sections],
+            "seconds": result.seconds, "sides": [
+                {"label": s.label, "name": s.name, "kind": s.kind, "digest": s.digest, "doubt": s.doubt}
+                for s in result.sides
+            ],
+            "states": result.states, "quick": quick, "seed": seed,
         }
     )  # fmt: skip

@@ -84,7 +84,7 @@ def study2_command(
     from analysis.printed_study2 import anova_beside, comparisons_beside
     from analysis.study2_analysis import analyse, anova_rows, comparison_rows
     from analysis.study2_claims import CLAIMS, as_printed, check_claims
-    from analysis.study2_outcomes import CUMULATIVE, OUTCOMES, by_round, means, relative_to
+    from analysis.study2_outcomes import CUMULATIVE, OUTCOMES, SHORT, by_round, means, relative_to
     from analysis.study2_policies import LS_POMDP, MORE, NEVER, PAPER
     from models.work_clock import WorkClock
 
@@ -113,10 +113,15 @@ def study2_command(
     for note in study.notes:
         report.say(f"note: {note}")
     report.say(f"\nMeans, one value a person:\n{_shown(_wide(summary))}")
-    if beside is not None and pairs is not None:
-        what = "the paper's policies, simulated beside printed"
-        report.say(f"\nMixed ANOVA, first against last round, {what}:\n{_shown(beside)}")
-        report.say(f"\nLess {LS_POMDP}, one value a person, {what}:\n{_shown(pairs)}")
+    if paper is not None and beside is not None and pairs is not None:
+        what = "the paper's policies; SIMULATED but for the printed columns, where a p of 0 stands for p < .001"
+        names = {tukey.what: SHORT[key] for key, tukey in paper.tukey.items()}
+        report.say(f"\nMixed ANOVA, first against last round, {what}:\n{_shown(_narrow(beside))}")
+        report.say(
+            f"\nLess {LS_POMDP}, one value a person, {what}:\n"
+            f"{_shown(_narrow(pairs.assign(outcome=pairs['outcome'].replace(names))))}\n"
+            "low, high and p are Tukey's."
+        )
     if model is not None:
         report.say(f"\n{model.sentence}")
     for sentence in found.sentences:
@@ -294,9 +299,18 @@ def _about(study: Study2, known: Learned, truth: str | None, seed: int) -> dict[
 # -- what is printed -------------------------------------------------------------------------------
 def _wide(summary: pd.DataFrame) -> pd.DataFrame:
     """Means by policy, a column a measure."""
+    from analysis.study2_outcomes import SHORT
+
     order = list(dict.fromkeys(summary["outcome"]))
     wide = summary.pivot_table(index="policy", columns="outcome", values="mean")
-    return wide.loc[list(dict.fromkeys(summary["policy"])), order].reset_index()
+    names = SHORT | {"top_state_probability": "P(top state)", "costly_actions": "costly acts"}
+    return wide.loc[list(dict.fromkeys(summary["policy"])), order].rename(columns=names).reset_index()
+
+
+def _narrow(table: pd.DataFrame) -> pd.DataFrame:
+    """A table of simulated beside printed numbers with headings that fit a terminal."""
+    heads = {"simulated_f": "F", "printed_f": "printed F", "simulated_dunnett": "p, Dunnett"}
+    return table.rename(columns=heads).rename(columns=lambda n: n.removeprefix("simulated_").replace("_", " "))
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

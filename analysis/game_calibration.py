@@ -190,7 +190,7 @@ def calibrate_game(
     values, totals, unseen = np.zeros((studies, len(names))), np.zeros((2, 2)), 0
     for j in range(studies):
         own = int(np.random.SeedSequence(seed, spawn_key=(_TASK, 1, j)).generate_state(1)[0])
-        played = play_study1(truth, participants, own, layout, parameters, threads=threads)
+        played = play_study1(truth, participants, own, layout=layout, parameters=parameters, threads=threads)
         values[j] = [*state_scores(smoother, played.log), *interruptions(played)]
         for freed in (0, 1):
             chosen = played.rounds.team_tokens[played.rounds.helped == bool(freed)]
@@ -259,6 +259,27 @@ def interruptions(played: PlayedStudy) -> tuple[float, float, float, float]:
         out += [free - rounds.robot_tokens[chosen].mean()]
     seconds, tokens, other_seconds, other_tokens = (float(v) for v in out)
     return seconds, tokens, other_seconds, other_tokens
+
+
+def in_words(table: pd.DataFrame) -> pd.DataFrame:
+    """A calibration's table to be read: what was measured in words, and the printed number beside it.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `GameCalibration`, or its rows from a file.
+
+    Returns
+    -------
+    DataFrame
+        ``quantity, simulated, printed, difference, percent, se, sd``.
+    """
+    words = [
+        f"{quantity.replace('x_s', 'x of state ')}, {unit}"
+        for quantity, unit in zip(table["quantity"], table["unit"], strict=True)
+    ]
+    out = table.assign(quantity=words).rename(columns={"measured": "simulated"})
+    return out[["quantity", "simulated", "printed", "difference", "percent", "se", "sd"]]
 
 
 def _way(scores: NDArray[np.float64]) -> str:

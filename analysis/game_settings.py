@@ -16,7 +16,7 @@ from analysis.game_calibration import calibrate_game
 from analysis.simulate import DEFAULT_SEED
 from models.errors import Phrase, located
 from models.game.layout import Layout, packaged
-from models.game.parameters import GameParameters
+from models.game.parameters import TICKS_A_SECOND, GameParameters
 
 MOST_CELLS = 40
 """Largest side of a room and widest corridor of `four_rooms`."""
@@ -183,6 +183,22 @@ def compare_settings(
             progress(done, len(chosen))
     table = pd.DataFrame(rows)
     return table.sort_values(["brackets", "rms"], ascending=[False, True], ignore_index=True)
+
+
+def narrow(table: pd.DataFrame) -> pd.DataFrame:
+    """The columns of a table of `compare_settings` that fit a page.
+
+    Returns
+    -------
+    DataFrame
+        ``setting, round`` (s), ``step`` (s, a person's), ``lapses`` (percent of steps), ``x0, x1, ..`` (scores by
+        state), ``brackets, rms, help, signal`` (s).
+    """
+    scores = {name: name.replace("_s", "") for name in table.columns if name.startswith("x_s")}
+    names = {"setting": "setting", "seconds": "round", "step": "step", "lapses": "lapses", **scores}
+    names |= {"brackets": "brackets", "rms": "rms", "C_help": "help", "C_signal": "signal"}
+    own = table.assign(step=table["human_step_ticks"] / TICKS_A_SECOND, lapses=100 * table["human_lapse"])
+    return own[list(names)].rename(columns=names)
 
 
 def compared_sentence(table: pd.DataFrame) -> str:

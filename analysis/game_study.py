@@ -58,7 +58,7 @@ class PlayedStudy:
     rounds: RoundOutcomes = field(repr=False)
 
 
-def simulate_study1_in_game(
+def play_study1(
     truth: LatentStatePOMDP | None = None,
     participants: int = 540,
     seed: int = DEFAULT_SEED,
@@ -67,7 +67,7 @@ def simulate_study1_in_game(
     parameters: GameParameters | None = None,
     study: str = GAME_STUDY1_NAME,
     threads: int | None = None,
-) -> EventLog:
+) -> PlayedStudy:
     """Simulate the published study 1 with every round played in the token game.
 
     People, conditions, schedules and willingness are those of `simulate_study1` with the same seed; the game adds
@@ -88,8 +88,8 @@ def simulate_study1_in_game(
 
     Returns
     -------
-    EventLog
-        With columns `team_tokens, human_tokens, robot_tokens`.
+    PlayedStudy
+        Its log has columns `team_tokens, human_tokens, robot_tokens`.
 
     Raises
     ------
@@ -98,22 +98,9 @@ def simulate_study1_in_game(
 
     Examples
     --------
-    >>> simulate_study1_in_game(participants=20)
+    >>> play_study1(participants=20).log
     EventLog('simulated_study1_in_game': 20 people, 20 runs, 100 events, 60 responses, 4 conditions)
     """
-    return play_study1(truth, participants, seed, layout, parameters, study, threads).log
-
-
-def play_study1(
-    truth: LatentStatePOMDP | None = None,
-    participants: int = 540,
-    seed: int = DEFAULT_SEED,
-    layout: Layout | None = None,
-    parameters: GameParameters | None = None,
-    study: str = GAME_STUDY1_NAME,
-    threads: int | None = None,
-) -> PlayedStudy:
-    """Play study 1 as `simulate_study1_in_game` does, and keep the rounds."""
     design = simulate_study1(truth, participants, seed, study)
     helps = int(np.argmax(design.protocol.scores))
     willing = design.response == helps
@@ -234,7 +221,7 @@ def learn_from_both(
     short = replace(long, round_ticks=short_ticks)
     logs = {DIRECT: simulate_study1(truth, participants, seed)}
     for name, p in ((GAME, long), (SHORT, short)):
-        logs[name] = play_study1(truth, participants, seed, layout, p, threads=threads).log
+        logs[name] = play_study1(truth, participants, seed, layout=layout, parameters=p, threads=threads).log
     search = BaumWelch(
         truth.n_states if states is None else states, restarts=restarts, finalists=FINALISTS, rounds=1, seed=seed
     )

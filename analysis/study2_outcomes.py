@@ -80,6 +80,9 @@ OUTCOMES = {
 }
 """The paper's four outcomes, in the order of its text."""
 
+SHORT = {TEAM: "tokens a round", CUMULATIVE: "tokens in all", BELIEF: "believed state", OBSERVED: "observed help"}
+"""The outcomes in narrow columns: one value a person."""
+
 
 def outcome(key: str) -> Outcome:
     """An outcome by its key.

@@ -34,9 +34,10 @@ from analysis.evidence import read_evidence
 from analysis.figures.game import round_course, state_scores_plot, tokens_by_kind, trap_panels
 from analysis.figures.notebook import panels, show
 from analysis.figures.study2 import claim_shares, four_panels
-from analysis.game_calibration import calibrate_game
+from analysis.game_calibration import calibrate_game, in_words
 from analysis.game_player import show_round
 from analysis.game_scenes import paper_scenes, simulated_round
+from analysis.game_settings import narrow
 from analysis.game_study import learn_from_both, play_study1
 from analysis.printed_study2 import anova_beside, comparisons_beside, implied_sentence
 from analysis.simulate import calibrated_truth
@@ -137,7 +138,7 @@ show(
 )  # fmt: skip
 
 # %%
-calibration.table.round(2)
+in_words(calibration.table).round(2)
 
 # %% [markdown]
 # The order of the states comes out and so do the ends; the two states between come out too high. A round is worth about the same
@@ -145,15 +146,15 @@ calibration.table.round(2)
 # the lower states, while the printed scores rise most between the upper ones. To reach the ends people have to be slower or
 # less attentive than the robot: with a robot that collects more than a person does, a robot that nobody frees costs more. Attentive
 # people in shorter rounds come closer to the four numbers on average, and enclose nothing. Helping takes a few seconds on a
-# small map; it takes about 15 only where rooms lie far apart and a round lasts six minutes. All that was tried:
+# small map; it takes about 15 only where rooms lie far apart and a round lasts six minutes. All that was tried (columns `round`,
+# `step`, `help` and `signal` in seconds, `lapses` in percent of steps, `x0` to `x3` the scores by state, `rms` their distance
+# from the printed ones):
 
 # %%
 tried = read_evidence("game")
 if tried:
     print(tried.sentence)
-    search = pd.DataFrame(tried.content["search"])
-    columns = ["setting", "seconds", "x_s0", "x_s1", "x_s2", "x_s3", "brackets", "rms", "C_help", "C_signal"]
-    display(search[columns].round(1))
+    display(narrow(pd.DataFrame(tried.content["search"])).round(1))
 else:
     print("no evidence is stored: prosocial replicate game --out reports/evidence/game.json")
 

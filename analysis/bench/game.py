@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -36,6 +37,7 @@ def run(*, quick: bool = False, progress: Callable[[str], None] | None = None) -
         rng.integers(0, 2, n), rng.random(n) < 0.5, rng.random(n) < 0.7, rng.integers(0, 2**64, n, dtype=np.uint64)
     )  # fmt: skip
 
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
     say("rounds")
     play_rounds(layout, parameters, *given, threads=THREADS)
     walls, used = [], []
@@ -44,19 +46,19 @@ def run(*, quick: bool = False, progress: Callable[[str], None] | None = None) -
         play_rounds(layout, parameters, *given, threads=THREADS)
         walls.append(time.perf_counter() - wall)
         used.append(time.process_time() - cpu)
-    # Of processor time, since others may use the machine; what two threads cost each other is in it.
-    rate = THREADS * n / float(np.median(used))
+    rate, each = n / float(np.median(walls)), 1e6 * np.array(used) / n
+    middle = float(np.median(each))
     yield Row(
-        f"whole rounds a second, {THREADS} threads on free processors", rate, None, None, "rounds/s",
+        f"whole rounds a second by the clock, {THREADS} threads", rate, None, None, "rounds/s",
         target=f">= {ROUNDS_A_SECOND}", met=rate >= ROUNDS_A_SECOND,
-        note=f"{n} rounds of {parameters.seconds:g} s; by the clock {n / max(walls):.0f} to {n / min(walls):.0f} "
-        f"with {sum(used) / sum(walls):.2f} of {os.cpu_count()} processors to be had",
+        note=f"{n / max(walls):,.0f} to {n / min(walls):,.0f}; {n:,} rounds of {parameters.seconds:g} s, nothing "
+        f"drawn; {sum(used) / sum(walls):.2f} processors used of {os.cpu_count()}, load at the start {load:.2f}",
     )  # fmt: skip
-    micro = 1e6 * np.array(used) / n
-    tick = 1e3 * float(np.median(micro)) / parameters.round_ticks
     yield Row(
-        "a whole round", float(np.median(micro)), None, None, "us CPU",
-        note=f"{micro.min():.3g} to {micro.max():.3g}; {tick:.3g} ns a tick, both players and their routes counted",
+        "whole rounds a second of processor time", 1e6 / middle, None, None, "rounds/s",
+        note=f"the same rounds: what a processor plays that nobody else uses; {middle:.3g} us a round "
+        f"({each.min():.3g} to {each.max():.3g}), {1e3 * middle / parameters.round_ticks:.3g} ns a tick, both "
+        "players and their routes counted",
     )  # fmt: skip
 
     say("ticks from Python")

@@ -133,6 +133,16 @@ def to_svg(drawn: Axes | Figure) -> str:
     return re.sub(r"\n\s*", "\n", text).strip()
 
 
+def to_png(drawn: Axes | Figure, dpi: float = 200.0) -> bytes:
+    """Write a figure as a PNG picture: the same bytes for the same figure, no date or program named."""
+    figure = drawn.get_figure(root=True) if isinstance(drawn, Axes) else drawn
+    assert figure is not None
+    buffer = io.BytesIO()
+    with style():
+        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()
+
+
 def short_state(name: str, index: int) -> str:
     """Label of a state for ticks.
 

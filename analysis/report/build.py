@@ -11,11 +11,18 @@ from pathlib import Path
 from analysis.datasets import DataSet
 from analysis.design import published
 from analysis.em_study import EmStudy, Progress, run_em
+from analysis.report.analysis_plan import AnalysisPlan
+from analysis.report.appendix import KEY as APPENDIX
+from analysis.report.appendix import appendix
 from analysis.report.context import ReportContext
+from analysis.report.drawings import Drawings
 from analysis.report.effort import Effort
+from analysis.report.methods import methods_paragraph
+from analysis.report.output_map import output_map
+from analysis.report.parts import Written, check_parts_folder, write_parts
 from analysis.report.pdf import to_pdf
 from analysis.report.registry import SECTIONS, Entry
-from analysis.report.render import render
+from analysis.report.render import PageHead, page_keys, render
 from analysis.report.section import Section
 from analysis.study_selection import Selection, select
 from models.bootstrap import bootstrap_fit
@@ -23,7 +30,7 @@ from models.events import EventLog
 from models.model_files import write_bytes, write_text
 from models.parameters import Array
 
-HTML_NAME, PDF_NAME = "report.html", "report.pdf"
+HTML_NAME, PDF_NAME, PARTS_NAME = "report.html", "report.pdf", "parts"
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,8 @@ class ReportResult:
     html : Path
     pdf : Path or None
         None if it was not asked for.
+    parts : Written or None
+        Every table and figure as files; None if they were not asked for.
     sections : tuple of Section
     selection : Selection
         What the report is about.
@@ -46,6 +55,7 @@ class ReportResult:
 
     html: Path
     pdf: Path | None
+    parts: Written | None
     sections: tuple[Section, ...]
     selection: Selection
     study: EmStudy
@@ -62,6 +72,8 @@ def build_report(
     condition: Sequence[str] | None = None,
     pins: Sequence[str] | None = None,
     pdf: bool = False,
+    parts: bool = True,
+    plan: AnalysisPlan | None = None,
     command: str = "",
     date: str | None = None,
     progress: Progress | None = None,
@@ -86,6 +98,10 @@ def build_report(
         ``["none"]`` for none.
     pdf : bool
         Also write a PDF (needs WeasyPrint).
+    parts : bool
+        Also write every table as CSV and LaTeX and every figure as SVG and PNG.
+    plan : AnalysisPlan, optional
+        Marks every figure and table as planned or exploratory.
     command : str
         Printed in the report.
     date : str, optional
@@ -98,7 +114,8 @@ def build_report(
     Raises
     ------
     InputError
-        On an unknown condition or action, or if a PDF is wanted and WeasyPrint is missing.
+        On an unknown condition or action, a planned result that the report does not have, a folder of other files
+        where the parts belong, or if a PDF is wanted and WeasyPrint is missing.
     """
     started = time.perf_counter()
     wanted = states if states is None or isinstance(states, str) else ",".join(map(str, states))
@@ -110,20 +127,34 @@ def build_report(
         selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
         date=date or datetime.date.today().isoformat(), progress=progress,
     )  # fmt: skip
+    folder = Path(out)
+    if parts:
+        check_parts_folder(folder / PARTS_NAME)
     made = tuple(entry.section(context) for entry in sections)
+    if plan is not None:
+        plan.check(page_keys(made))
+    modules = {entry.key: entry.make.__module__ for entry in sections} | {APPENDIX: appendix.__module__}
+    outputs = output_map(made, modules, None if plan is None else plan.status)
+    made = (*made, appendix(context, outputs, plan))
     if progress is not None:
         progress("drawing", 0, 1)
-    page = render(made, context)
-    folder = Path(out)
+    drawings = Drawings(pictures=parts)
+    page = render(made, PageHead.of(context), drawings, {o.block.key: o.status for o in outputs if o.status})
     # Both are complete before either is written, so a failure leaves the last good report alone.
     pages = to_pdf(page) if pdf else None
     write_text(folder / HTML_NAME, page)
     if pages is not None:
         write_bytes(folder / PDF_NAME, pages)
+    written = None
+    if parts:
+        written = write_parts(output_map(made, modules, None if plan is None else plan.status), drawings,
+                              folder / PARTS_NAME, methods_paragraph(context))  # fmt: skip
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds
-    return ReportResult(folder / HTML_NAME, folder / PDF_NAME if pdf else None, made, chosen, study, seconds)
+    return ReportResult(
+        folder / HTML_NAME, folder / PDF_NAME if pdf else None, written, made, chosen, study, seconds
+    )
 
 
 def fit_models(

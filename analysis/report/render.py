@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -15,11 +15,49 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.report.context import ReportContext
+from analysis.report.drawings import Drawings
 from analysis.report.letters import Letters
-from analysis.report.section import Figure, Part, Section, Table
+from analysis.report.output_map import numbers
+from analysis.report.section import Figure, Origin, Part, Section, Table
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS = "\N{MINUS SIGN}"
+
+
+@dataclass(frozen=True)
+class PageHead:
+    """What the page says above and below its sections.
+
+    Attributes
+    ----------
+    title : str
+    origins : tuple of Origin
+    digests : tuple of str
+        Of the contents that the page is about.
+    seed : int
+    date, command : str
+    quick : bool
+        Marks the page as not for citation.
+    conditions : tuple of str
+        Those selected; empty for all.
+    """
+
+    title: str
+    origins: tuple[Origin, ...]
+    digests: tuple[str, ...]
+    seed: int
+    date: str
+    command: str
+    quick: bool
+    conditions: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, context: ReportContext) -> PageHead:
+        """Of a report on one data set."""
+        return cls(
+            context.data.card.title, (context.origin,), (context.data.digest,), context.seed, context.date,
+            context.command, context.effort.quick, context.conditions,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,28 +68,44 @@ class Panel:
     width: int
 
 
-def render(sections: Sequence[Section], context: ReportContext) -> str:
-    """Draw every figure and fill the page; an exception in a figure fails the report."""
-    blocks = [b for s in sections for b in s.flat() if isinstance(b, Figure | Table | Part)]
-    keys = [*(s.key for s in sections), *(b.key for b in blocks)]
+def render(
+    sections: Sequence[Section], head: PageHead, drawings: Drawings | None = None,
+    status: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
+    """Draw every figure and fill the page; an exception in a figure fails the report.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+    head : PageHead
+    drawings : Drawings, optional
+        Where the figures are drawn, or are drawn already.
+    status : mapping of str to str, optional
+        By key of a figure or table, whether it was planned; nothing is said of others.
+    """
+    keys = page_keys(sections)
     twice = {key for key in keys if keys.count(key) > 1}
     if twice:
         raise ValueError(f"parts of the report have the same key: {', '.join(sorted(twice))}")
-    numbers: dict[str, int] = {}
-    for kind in (Figure, Table):
-        numbers |= {b.key: i for i, b in enumerate((b for b in blocks if isinstance(b, kind)), start=1)}
     page, letters = _environment().get_template("report.html.j2"), Letters()
     return page.render(
         sections=sections,
-        context=context,
-        number=numbers,
-        panels=partial(panels, letters=letters),
+        head=head,
+        number=numbers(sections),
+        status=status or {},
+        panels=partial(panels, letters=letters, drawings=drawings or Drawings()),
         letters=letters,
         rows=rows,
         prose=prose,
         kind=lambda block: type(block).__name__,
         css=Markup((TEMPLATES / "report.css").read_text(encoding="utf-8")),
     )
+
+
+def page_keys(sections: Sequence[Section]) -> list[str]:
+    """Anchors of the page: keys of sections, parts, figures and tables."""
+    blocks = [b for s in sections for b in s.flat() if isinstance(b, Figure | Table | Part)]
+    return [*(s.key for s in sections), *(b.key for b in blocks)]
 
 
 @cache
@@ -65,12 +119,12 @@ def _environment() -> jinja2.Environment:
     )
 
 
-def panels(figure: Figure, letters: Letters) -> list[Panel]:
+def panels(figure: Figure, letters: Letters, drawings: Drawings) -> list[Panel]:
     """Drawn panels, letters shared, other ids made unique to the page and the alternative text put in."""
     out = []
-    for i, (drawn, alt) in enumerate(zip(figure.svgs(), figure.alt, strict=True)):
+    for i, (drawn, alt) in enumerate(zip(drawings.of(figure), figure.alt, strict=True)):
         prefix = f"{figure.key}-{i}-"
-        svg = letters.take(drawn)
+        svg = letters.take(drawn.svg)
         svg = re.sub(r'\bid="', f'id="{prefix}', svg)
         svg = re.sub(r'xlink:href="#', f'xlink:href="#{prefix}', svg)
         svg = re.sub(r"url\(#", f"url(#{prefix}", svg)

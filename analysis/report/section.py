@@ -76,18 +76,20 @@ class Figure:
         if not self.origin or not self.caption or not all(self.alt):
             raise ValueError(f"figure {self.key!r}: a caption, alternative texts and an origin are required")
 
-    def svgs(self) -> list[str]:
-        """Draw every panel as SVG."""
-        out = []
+    def drawn(self) -> Iterator[Axes | MplFigure]:
+        """Draw every panel, one after the other."""
         for i, draw in enumerate(self.panels):
             try:
                 with style():
                     drawn = draw()
-                out.append(to_svg(drawn))
             except Exception as error:
                 error.add_note(f"while drawing figure {self.key!r}, panel {i + 1} of {len(self.panels)}")
                 raise
-        return out
+            yield drawn
+
+    def svgs(self) -> list[str]:
+        """Draw every panel as SVG."""
+        return [to_svg(drawn) for drawn in self.drawn()]
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ class Table:
         How many first columns name the row.
     facts : bool
         A list of item and value, whose column headings need not be seen.
+    wraps : bool
+        Cells hold sentences, which may take several lines.
     """
 
     key: str
@@ -124,6 +128,7 @@ class Table:
     groups: tuple[tuple[str, int], ...] = ()
     row_headings: int = 1
     facts: bool = False
+    wraps: bool = False
 
     def __post_init__(self) -> None:
         if not self.origin or not self.caption:

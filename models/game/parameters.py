@@ -56,7 +56,7 @@ def share_of(value, share):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class GameParameters:
-    """Parameters of a round; times are ticks of a tenth of a second.
+    """Parameters of a round; times are ticks of a tenth of a second. Numbers of numpy become plain ones.
 
     Attributes
     ----------
@@ -109,7 +109,9 @@ class GameParameters:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            _check(entry.name, str(entry.type), getattr(self, entry.name), "game parameters")
+            kind = str(entry.type)
+            value = _plain(entry.name, kind, getattr(self, entry.name), "game parameters")
+            object.__setattr__(self, entry.name, value)
 
     @property
     def seconds(self) -> float:
@@ -146,7 +148,7 @@ class GameParameters:
         for name, value in content.items():
             if name not in known:
                 raise located(f"{place}, parameter", name, f"one of {', '.join(known)}")
-            _check(name, known[name], value, place)
+            _plain(name, known[name], value, place)
         return cls(**content)
 
 
@@ -154,17 +156,22 @@ _AT_LEAST_ONE = ("round_ticks", "human_step_ticks", "robot_step_ticks", "human_l
 _MOST_TICKS = 1_000_000
 
 
-def _check(name: str, kind: str, value: object, place: str) -> None:
+def _plain(name: str, kind: str, value: Any, place: str) -> bool | int | float:
+    """Return a value as a plain number of its kind, numpy's included; what is none is refused, naming `place`."""
     where = f"{place}, {name}"
+    truth = isinstance(value, bool | np.bool_)
     if kind == "bool":
-        if not isinstance(value, bool):
+        if not truth:
             raise located(where, value, "true or false")
-    elif kind == "int":
+        return bool(value)
+    if kind == "int":
         least = 1 if name in _AT_LEAST_ONE else 0
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= _MOST_TICKS:
+        if truth or not isinstance(value, int | np.integer) or not least <= value <= _MOST_TICKS:
             raise located(where, value, f"a whole number of ticks from {least} to {_MOST_TICKS}")
-    elif isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
+        return int(value)
+    if truth or not isinstance(value, int | float | np.integer | np.floating) or not 0 <= value <= 1:
         raise located(where, value, "a number from 0 to 1")
-    elif name == "human_lapse" and value > 0.9:
+    if name == "human_lapse" and value > 0.9:
         # A person whose attention always lapses never moves; rounds would say nothing.
         raise located(where, value, "at most 0.9")
+    return float(value)

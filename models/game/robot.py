@@ -8,20 +8,12 @@ import numpy as np
 
 from models.compiled import kernel
 from models.game.parameters import SETTING
-from models.game.route import route_scratch
-from models.game.state import ACTS, HUMAN, ROBOT, TICK, TRAP_TICK, TRAPPED, may_step
-from models.game.walker import (
-    INTERRUPTED,
-    OWN,
-    find_way,
-    keep_phase,
-    next_move,
-    remaining,
-    route_is_old,
-    start_walking,
-)
+from models.game.state import ACTS, HUMAN, ROBOT, TICK, TRAP_TICK, TRAPPED
+from models.game.walker import OWN, Walker, start_walking, take_turn
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from models.game.round import Round
 
 ROBOT_MEMORY = OWN
@@ -35,15 +27,10 @@ def robot_move(state, cells, rooms, settings, memory, goals, path, scratch):  # 
         and state[ACTS] == 1
         and state[TICK] >= state[TRAP_TICK] + settings[SETTING.robot_help_delay]
     )
-    keep_phase(state, memory, ROBOT, helps)
-    if not may_step(state, ROBOT):
-        return 0
-    if route_is_old(state, memory, ROBOT):
-        find_way(state, cells, rooms, memory, ROBOT, goals, remaining(state, ROBOT, goals), path, scratch)
-    return next_move(state, cells, memory, ROBOT, path)
+    return take_turn(state, cells, rooms, memory, ROBOT, helps, 0, 0, 0, goals, path, scratch)
 
 
-class RobotPlayer:
+class RobotPlayer(Walker):
     """The robot as a player of one `Round`, tick by tick.
 
     Examples
@@ -57,25 +44,10 @@ class RobotPlayer:
     """
 
     def __init__(self) -> None:
-        self._memory = np.zeros(ROBOT_MEMORY, dtype=np.int64)
-        self._goals = np.zeros(3, dtype=np.int64)
-        self._round: Round | None = None
+        super().__init__(ROBOT_MEMORY)
 
-    def move(self, game: Round) -> int:
-        """Choose the move of this tick, 0 to 4; to be asked once a tick."""
-        if self._round is not game:
-            start_walking(self._memory)
-            self._path = np.zeros(len(game.layout.cells), dtype=np.int32)
-            self._scratch = route_scratch(game.layout)
-            self._round = game
-        return int(
-            robot_move(
-                game.array, game.layout.cells, game.layout.rooms, game.parameters.settings, self._memory,
-                self._goals, self._path, self._scratch,
-            )
-        )  # fmt: skip
+    def _begin(self, game: Round) -> None:
+        start_walking(self._memory)
 
-    @property
-    def interruption_ticks(self) -> int:
-        """Ticks so far in which the robot was trapped or helping."""
-        return int(self._memory[INTERRUPTED])
+    def _choose(self, *given: NDArray[np.integer]) -> int:
+        return int(robot_move(*given))

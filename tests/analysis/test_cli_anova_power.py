@@ -1,6 +1,5 @@
 """The commands ``anova`` and ``power``: their JSON, words, figures and refusals."""
 
-import json
 import shlex
 import xml.etree.ElementTree as ET
 from functools import partial
@@ -10,7 +9,6 @@ import pytest
 
 from analysis import power_contraction
 from analysis.anova import mixed_anova
-from analysis.cli import main
 from analysis.evidence import read_evidence
 from analysis.figures.comparisons import cell_means, compared_groups
 from analysis.figures.power import power_by_people, printed_beside_formulas
@@ -19,19 +17,7 @@ from analysis.posthoc import PersonValues, tukey
 from analysis.power_printed import printed_sizes
 from models.nuts import NutsSettings
 from tests.analysis.anova_cases import measures, study
-
-
-def run(*arguments):
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
-
-
-def result_of(capsys, *arguments):
-    assert run(*arguments, "--json", "-") == 0
-    return json.loads(capsys.readouterr().out)
+from tests.analysis.command import result_of, run
 
 
 @pytest.fixture

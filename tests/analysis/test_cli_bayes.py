@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from analysis import fits
 from analysis.cli import main
 from models.posterior_files import read_posterior
+from tests.analysis.command import run as status_of
 from tests.analysis.event_text import text
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,12 +25,7 @@ def own_store(tmp_path, monkeypatch):
     monkeypatch.setattr(fits, "store_folder", lambda: tmp_path / "fits")
 
 
-def run(*arguments):
-    try:
-        main(["bayes", *arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
+run = partial(status_of, "bayes")
 
 
 def test_json_has_the_fields_of_the_contract(tmp_path, capsys):

@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from analysis import fits
-from analysis.cli import main
 from analysis.comparison import CompareSettings
 from analysis.figures.held_out import held_out_by_round, held_out_rates
 from analysis.figures.style import to_svg
@@ -20,6 +20,7 @@ from analysis.simulate import simulate_study1
 from models.nuts import NutsSettings
 from models.protocol import PUBLISHED
 from models.smc import SmcSettings
+from tests.analysis.command import run as status_of
 from tests.analysis.report_cases import CORRIDOR, data_set, few_particles, little_effort, log_of, random_log
 
 TINY = CompareSettings(
@@ -34,12 +35,7 @@ def own_store(tmp_path, monkeypatch):
     few_particles(monkeypatch)
 
 
-def run(*arguments):
-    try:
-        main(["compare", *arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
+run = partial(status_of, "compare")
 
 
 @pytest.fixture(scope="module")

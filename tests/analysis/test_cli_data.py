@@ -11,18 +11,11 @@ import pytest
 from analysis import cli, cli_data
 from analysis.cli import main
 from analysis.event_files import read_events
+from tests.analysis.command import run_captured as run
 from tests.analysis.event_text import ROWS, text
 from tests.analysis.test_osf_import import EXAMPLE, RAW
 
 BUNDLED = Path(__file__).parents[2] / "data" / "simulated" / "simulated_study1.csv.gz"
-
-
-def run(capsys, *arguments):
-    """Exit status, standard output, standard error."""
-    with pytest.raises(SystemExit) as caught:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return caught.value.code or 0, captured.out, captured.err
 
 
 COMMANDS = (
@@ -148,12 +141,12 @@ def test_simulate_study1(capsys, tmp_path):
 
 def test_simulate_study1_in_the_game(capsys, tmp_path):
     """The file is the game's log, its responses those of the direct simulation."""
-    from analysis.game_study import simulate_study1_in_game
+    from analysis.game_study import play_study1
 
     options = ("--participants", "20", "--seed", "2", "--json", "-", "--quiet")
     status, out, _ = run(capsys, "simulate", "study1", "--game", "--out", tmp_path / "game.csv.gz", *options)
     assert status == 0
-    log, expected = read_events(tmp_path / "game.csv.gz").log, simulate_study1_in_game(participants=20, seed=2)
+    log, expected = read_events(tmp_path / "game.csv.gz").log, play_study1(participants=20, seed=2).log
     assert log.study == "simulated_study1_in_game"
     assert set(log.tokens) == {"team_tokens", "human_tokens", "robot_tokens"}
     for name, values in expected.tokens.items():

@@ -1,20 +1,15 @@
 """The command `em`: what it refuses before it fits, and what it writes."""
 
 import json
+from functools import partial
 
 import pytest
 
 from analysis import datasets, frd2012
-from analysis.cli import main
+from tests.analysis.command import run as status_of
 from tests.analysis.event_text import text
 
-
-def run(*arguments):
-    try:
-        main(["em", *map(str, arguments)])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
+run = partial(status_of, "em")
 
 
 def test_data_and_protocol_are_never_overwritten(tmp_path, capsys):

@@ -1,6 +1,7 @@
 """The command ``replicate game``: its file, its words and its refusals."""
 
 import json
+import re
 
 import pytest
 import typer
@@ -48,7 +49,16 @@ def test_what_is_stored(run, tmp_path):
     assert content["learning"]["table"][0]["seconds"] is None
     assert own.sentence in content["sentence"]
     assert own.sentence in done.output
-    assert "Settings tried, 2 studies each" in done.output
+    for row in own.table.itertuples():
+        name = row.quantity.replace("x_s", "x of state ")
+        assert re.search(
+            rf"^ *{name}, {row.unit} +{row.measured:.2f} +{row.printed:.2f} ", done.output, re.MULTILINE
+        ), name
+    assert re.search(r"quantity +simulated +printed +difference +percent +se +sd", done.output)
+    assert "Settings tried, simulated, 2 studies each" in done.output
+    assert re.search(r"^ *short +60\.0 +0\.5 +45\.0 ", done.output, re.MULTILINE)
+    widest = max(len(line) for line in done.output.splitlines()[:10])
+    assert widest <= 80
 
 
 def test_without_a_search(run):

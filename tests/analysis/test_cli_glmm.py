@@ -1,12 +1,12 @@
 """`prosocial glmm`: JSON fields, agreement with the model itself, and every kind of bad input by name."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from analysis.cli import main
 from analysis.datasets import load
 from analysis.mixed_model_groups import influence_of
 from analysis.mixed_model_table import typed_table
@@ -14,6 +14,7 @@ from analysis.regression import regress
 from models.glmm import LogisticMixedModel
 from models.glmm_influence import influence, without_group
 from models.glmm_marginal import marginal_contrast
+from tests.analysis.command import run as status_of
 
 FIELDS = {
     "params", "bse", "sd", "log_likelihood", "aic", "bic", "odds_ratios", "profile", "node_check", "marginal",
@@ -21,12 +22,7 @@ FIELDS = {
 }  # fmt: skip
 
 
-def run(*arguments):
-    try:
-        main(["glmm", *map(str, arguments)])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
+run = partial(status_of, "glmm")
 
 
 def table(groups=40, seed=1):

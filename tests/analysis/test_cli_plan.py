@@ -5,23 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from analysis.cli import main
 from models.model_files import write_model
 from models.planning.policy_files import read_policy
+from tests.analysis.command import result_of, run
 from tests.models.planning.policy_cases import person
-
-
-def run(*arguments):
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
-
-
-def result_of(capsys, *arguments):
-    assert run(*arguments, "--json", "-") == 0
-    return json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture

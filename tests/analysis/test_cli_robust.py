@@ -1,11 +1,8 @@
 """The command ``robust`` and how further studies are written: JSON, words, files, refusals."""
 
-import json
-
 import numpy as np
 import pytest
 
-from analysis.cli import main
 from analysis.next_studies import next_studies, published_studies
 from models.errors import InputError
 from models.model_draws import ModelDraws
@@ -19,20 +16,13 @@ from models.protocol import PUBLISHED
 from models.robust import single_plan
 from models.robust.cautious import cautious_plan
 from models.robust.own_plans import own_plans
+from tests.analysis import command
+from tests.analysis.command import run
 from tests.analysis.draws_cases import failed, fit_file, json_file, people
 
 
-def run(*arguments):
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
-
-
 def result_of(capsys, *arguments):
-    assert run("robust", *arguments, "--json", "-") == 0
-    return json.loads(capsys.readouterr().out)
+    return command.result_of(capsys, "robust", *arguments)
 
 
 @pytest.fixture

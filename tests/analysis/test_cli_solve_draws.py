@@ -4,11 +4,12 @@ import json
 
 import pytest
 
-from analysis.cli import main
 from models.planning.latent import latent_problem
 from models.planning.mode_process import alternating
 from models.planning.solver import solve
 from models.unseen import EVIDENCE
+from tests.analysis import command
+from tests.analysis.command import run
 from tests.analysis.draws_cases import failed, fit_file, json_file, people
 
 FIELDS = {
@@ -17,17 +18,8 @@ FIELDS = {
 }  # fmt: skip
 
 
-def run(*arguments):
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
-
-
 def result_of(capsys, *arguments):
-    assert run("solve-draws", *arguments, "--json", "-") == 0
-    return json.loads(capsys.readouterr().out)
+    return command.result_of(capsys, "solve-draws", *arguments)
 
 
 @pytest.fixture

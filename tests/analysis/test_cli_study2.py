@@ -5,27 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from analysis.cli import main
 from analysis.event_files import read_events
 from analysis.study2_claims import CLAIMS
 from analysis.study2_outcomes import OUTCOMES
 from analysis.study2_policies import MORE, PAPER
 from models.model_files import write_model
+from tests.analysis.command import result_of, run
 from tests.analysis.study2_cases import instant_rounds
 from tests.models.planning.policy_cases import person
-
-
-def run(*arguments):
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as stop:
-        return stop.code or 0
-    return 0
-
-
-def result_of(capsys, *arguments):
-    assert run(*arguments, "--json", "-") == 0
-    return json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(autouse=True)
@@ -85,10 +72,24 @@ def test_words(capsys, model):
     assert run("study2", "--truth", model, "--learned", "truth", "--participants", 40, "--seed", 2) == 0
     out = capsys.readouterr().out
     for words in (
-        "SIMULATED: 40 people under 5 policies play 9 rounds (HRHRHRHRH)", "seed 2", "printed_f",
-        "simulated_difference", "with ls-POMDP as the planner", "Mixed ANOVA of team performance",
+        "SIMULATED: 40 people under 5 policies play 9 rounds (HRHRHRHRH)", "seed 2", "tokens in all",
+        "with ls-POMDP as the planner", "Mixed ANOVA of team performance",
     ):  # fmt: skip
         assert words in out
+    lines = out.splitlines()
+    for title, heads in (
+        ("Mixed ANOVA, first against last round", "outcome effect df1 df2 F p printed F printed p"),
+        (
+            "Less ls-POMDP, one value a person",
+            "outcome policy difference low high p p, Dunnett printed difference printed p",
+        ),
+    ):
+        at = next(i for i, line in enumerate(lines) if line.startswith(title))
+        assert "SIMULATED but for the printed columns" in lines[at]
+        assert " ".join(lines[at + 1].split()) == heads
+        assert max(map(len, lines[at + 1 : at + 13])) <= 110
+    never = next(line for line in lines if line.split()[:4] == ["tokens", "a", "round", "never"])
+    assert never.split()[-2:] == ["-12.96", "0"]
     assert run("study2", "--truth", model, "--learned", "truth", "--participants", 40, "--quiet") == 0
     assert capsys.readouterr() == ("", "")
 

@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis import game_settings
+from analysis.evidence import read_evidence
 from analysis.game_calibration import calibrate_game
+from analysis.study2_evidence import game_settings as settings_of_the_game
 from models.errors import InputError
 from models.game.layout import packaged
 from models.game.parameters import GameParameters
@@ -81,6 +83,33 @@ def test_words_when_the_closest_does_not_bracket():
 def test_no_settings():
     with pytest.raises(InputError, match="settings of the game: found none, wanted at least one"):
         game_settings.compare_settings([])
+
+
+def test_narrow_columns_are_those_of_the_table():
+    row = {"setting": "a", "seconds": 80.0, "human_step_ticks": 13, "human_lapse": 0.25, "x_s0": 40.0, "x_s1": 50.0}
+    row |= {"brackets": False, "rms": 3.0, "C_help": 6.0, "C_signal": 20.0, "unseen": 0}
+    assert game_settings.narrow(pd.DataFrame([row])).to_dict("records") == [
+        {
+            "setting": "a", "round": 80.0, "step": 1.3, "lapses": 25.0, "x0": 40.0, "x1": 50.0, "brackets": False,
+            "rms": 3.0, "help": 6.0, "signal": 20.0,
+        }
+    ]  # fmt: skip
+
+
+def test_stored_evidence_can_be_repeated():
+    """The shortest rounds that were tried, played again."""
+    found = read_evidence("game")
+    assert found is not None
+    if found.stale or found.content["game"] != settings_of_the_game():
+        pytest.skip("stored evidence is stale: the report says so")
+    content = found.content
+    stored = min(content["search"], key=lambda row: row["seconds"])
+    setting = next(s for s in game_settings.settings_tried() if s.name == stored["setting"])
+    again = game_settings.compare_settings([setting], studies=content["search_studies"], seed=content["seed"])
+    played = again.to_dict("records")[0]
+    assert played.keys() == stored.keys()
+    for name, value in stored.items():
+        assert played[name] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), name
 
 
 @pytest.mark.slow

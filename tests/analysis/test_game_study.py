@@ -10,7 +10,6 @@ from analysis.game_study import (
     implied_rates,
     learn_from_both,
     play_study1,
-    simulate_study1_in_game,
 )
 from analysis.simulate import calibrated_truth, simulate_study1
 from models.baum_welch import BaumWelch
@@ -43,9 +42,9 @@ def test_tokens_are_those_of_the_rounds(played):
     again = EventLog.from_frame(played.log.to_frame())
     assert (again.response == played.log.response).all()
     assert all((again.tokens[name] == tokens[name]).all() for name in tokens)
-    same = simulate_study1_in_game(participants=PEOPLE, seed=3, threads=1)
+    same = play_study1(participants=PEOPLE, seed=3, threads=1).log
     assert all((same.tokens[name] == tokens[name]).all() for name in tokens)
-    other = simulate_study1_in_game(participants=PEOPLE, seed=4)
+    other = play_study1(participants=PEOPLE, seed=4).log
     assert (other.tokens["team_tokens"] != tokens["team_tokens"]).any()
 
 
@@ -60,7 +59,7 @@ def test_a_response_is_what_was_seen():
 def test_help_in_the_game_is_as_frequent_as_the_truth_says():
     """Every condition, schedule and round against the exact probability, and against another direct simulation."""
     truth, n = calibrated_truth(), 5_000
-    log = simulate_study1_in_game(participants=n, seed=11)
+    log = play_study1(participants=n, seed=11).log
     direct = simulate_study1(participants=n, seed=12)
     cells = 0
     schedules, direct_schedules = log.schedules(), direct.schedules()

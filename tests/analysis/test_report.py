@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from analysis import datasets, fits
-from analysis.cli import main
 from analysis.figures.style import axes
 from analysis.report import build
 from analysis.report.build import build_report
@@ -20,6 +19,7 @@ from analysis.report.section import Figure, NotSupported, Origin, Table, Text
 from analysis.report.sections import learned, learned_tables
 from models.errors import InputError
 from models.protocol import PUBLISHED
+from tests.analysis.command import run_captured as run
 from tests.analysis.event_text import text as event_text
 from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, log_of, random_log, real_effort
 
@@ -27,7 +27,7 @@ DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
     "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
-    "power", "reward", "plan", "robust", "study2", "evidence", "limits",
+    "power", "reward", "plan", "robust", "study2", "evidence", "limits", "appendix",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -92,6 +92,11 @@ def small():
     return data_set(random_log(PUBLISHED, people=20), kind="simulated")
 
 
+def limits_of(result):
+    (section,) = [s for s in result.sections if s.key == "limits"]
+    return section
+
+
 # -- the page --------------------------------------------------------------------------------------
 def test_every_section_is_there_in_order(bundled, page):
     assert [s.key for s in bundled.sections] == ALL_SECTIONS
@@ -146,20 +151,21 @@ def test_printed_numbers_stand_apart(bundled, page):
     columns = [t for s in bundled.sections for t in s.tables if t.printed]
     assert {t.key for t in columns} == {
         "conditions", "criteria", "reward-values", "regression-sources", "anova-printed", "anova-printed-tukey",
-        "power-sizes", "study2-anova", "study2-claims-table", "study2-tukey",
+        "power-sizes", "study2-anova", "study2-claims-table", "study2-tukey-team-performance", "study2-tukey-observation", "study2-game-table",
     }  # fmt: skip
     assert all(Origin.PRINTED in t.origin for t in columns)
 
 
 def test_simulated_people_are_called_so_everywhere(bundled, page):
     assert "nobody took part" in page
-    assert "nothing here says anything about people" in " ".join(bundled.sections[-1].sentences)
+    assert "nothing here says anything about people" in " ".join(limits_of(bundled).sentences)
     for item in datasets.card("simulated_study1").what_not:
-        assert item in bundled.sections[-1].sentences
+        assert item in limits_of(bundled).sentences
 
 
 def test_provenance_names_everything(bundled, page):
     text = page[page.index('<section id="provenance"') : page.index('<section id="study"')]
+    text += page[page.index('<section id="appendix"') :]
     dataset = datasets.load("simulated_study1")
     for wanted in (dataset.digest, dataset.card.licence, DATE, "numpy", "SQUAREM", "20,000 maps", "1e-08"):
         assert wanted in text
@@ -169,7 +175,7 @@ def test_models_of_shown_states_are_open_and_limits_follow(bundled, page):
     assert '<section class="part" id="model-4">' in page
     assert "4 states (the paper's number)" in " ".join(page.replace("&#39;", "'").split())
     for k, found in bundled.study.identifications.items():
-        assert set(found.sentences()) <= set(bundled.sections[-1].sentences), k
+        assert set(found.sentences()) <= set(limits_of(bundled).sentences), k
     assert bundled.study.bootstraps[4].replicates == 20
     assert "20 replicates" in page
 
@@ -404,7 +410,7 @@ def test_adding_a_section_is_one_function_and_one_line(small, tmp_path):
     some = [e for e in SECTIONS if e.key in ("provenance", "states", "limits")]
     made = build_report(small, states="1", quick=True, out=tmp_path, sections=[*some, extra])
     text = made.html.read_text(encoding="utf-8")
-    assert [s.key for s in made.sections] == ["provenance", "states", "limits", "extra"]
+    assert [s.key for s in made.sections] == ["provenance", "states", "limits", "extra", "appendix"]
     assert "A finding of −3.5 nats." in text
 
 
@@ -460,13 +466,6 @@ def test_pdf(small, tmp_path):
 
 
 # -- command line ----------------------------------------------------------------------------------
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as caught:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return caught.value.code or 0, captured.out, captured.err
-
-
 def test_command(capsys, tmp_path):
     status, out, err = run(
         capsys, "report", "--states", "2", "--condition", "help+signal", "--quick", "--out", tmp_path, "--seed",

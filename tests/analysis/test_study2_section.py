@@ -1,6 +1,8 @@
 """The report's section on study 2."""
 
 import json
+import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from analysis.report.registry import Entry
 from analysis.report.section import Omitted, Origin, Part
 from analysis.report.sections import study2 as section
 from analysis.simulate import simulate_study1
-from analysis.study2_evidence import study2_evidence
+from analysis.study2_evidence import game_settings, study2_evidence
 from analysis.study2_policies import MORE, PAPER
 from analysis.study2_replicates import Study2Replicates
 from models.nuts import NutsSettings
@@ -38,7 +40,34 @@ def little(tmp_path_factory):
         made = study2_evidence(tiny, published()).to_dict()
         content = evidence.record("Study 2: simulated.", "prosocial replicate study2", 1, made)
         (folder / "study2.json").write_text(json.dumps(plain(content)))
+        (folder / "game.json").write_text(json.dumps(plain(measured())))
         yield folder
+
+
+def measured():
+    """Evidence of the game as the command stores it, with numbers that nothing else has."""
+    quantities = [(f"x_s{s}", "tokens") for s in range(4)]
+    quantities += [(cost, unit) for cost in ("C_help", "C_signal") for unit in ("seconds", "tokens")]
+    printed = [*published()["reward"]["x"], 15, 15, 15, 15]
+    rows = [
+        {
+            "quantity": q, "unit": unit, "printed": p, "measured": p + i + 0.25, "se": 0.125, "sd": 0.5,
+            "difference": i + 0.25, "percent": 100 * (i + 0.25) / p,
+        }
+        for i, ((q, unit), p) in enumerate(zip(quantities, printed, strict=True))
+    ]  # fmt: skip
+    tried = {
+        "setting": "default", "map": "four_rooms", "seconds": 173.0, "human_step_ticks": 5, "human_lapse": 0.45,
+        **{f"x_s{s}": 40.5 + s for s in range(4)}, "brackets": True, "rms": 6.5, "largest": 9.5, "C_help": 6.25,
+        "C_signal": 28.5, "C_help_tokens": 3.5, "C_signal_tokens": 9.25, "freed": 68.0, "not_freed": 46.0,
+        "unseen": 0,
+    }  # fmt: skip
+    rates = [{"condition": "help+signal", "truth": 0.9, "direct simulation": 0.8, "game": 0.7}]
+    result = {
+        "table": rows, "studies": 20, "participants": 540, "game": game_settings(), "search": [tried],
+        "search_studies": 10, "learning": {"rates": rates}, "sentence": "The game was measured.",
+    }  # fmt: skip
+    return evidence.record("The game: simulated.", "prosocial replicate game", 1, result, ("models.game.rounds",))
 
 
 def section_of(data, out, states=(2,)):
@@ -46,8 +75,13 @@ def section_of(data, out, states=(2,)):
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory):
-    return section_of(datasets.load("simulated_study1"), tmp_path_factory.mktemp("report"))
+def pages(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def shown(pages):
+    return section_of(datasets.load("simulated_study1"), pages)
 
 
 def table(shown, key):
@@ -58,19 +92,66 @@ def test_ours_stands_beside_printed(shown):
     frame = table(shown, "study2-anova").frame.set_index(["outcome", "effect"])
     assert frame.loc[("team performance", "time"), "printed_f"] == 50.5082
     assert np.isfinite(frame.loc[("team performance", "time"), "simulated_f"])
-    for key, printed in (("study2-anova", "printed_f"), ("study2-tukey", "printed_difference")):
+    tukey = "study2-tukey-team-performance"
+    for key, printed in (("study2-anova", "printed_f"), (tukey, "printed_difference")):
         own = table(shown, key)
         assert printed in own.printed
         assert set(own.origin) == {Origin.SIMULATED, Origin.PRINTED}
-    pairs = table(shown, "study2-tukey").frame.set_index(["outcome", "policy"])
-    assert pairs.loc[("tokens a round", "never"), "printed_difference"] == -12.96
+    assert table(shown, tukey).frame.set_index("policy").loc["never", "printed_difference"] == -12.96
+    help_rates = table(shown, "study2-tukey-observation").frame.set_index("policy")
+    assert help_rates.loc["never", "printed_difference"] == -0.17
+
+
+def test_outcomes_that_the_paper_does_not_compare_have_no_empty_columns(shown):
+    own = table(shown, "study2-tukey-belief")
+    assert (own.printed, own.origin) == ((), (Origin.SIMULATED,))
+    assert not own.frame.isna().any().any()
+
+
+def test_the_game_beside_the_paper(shown):
+    own = table(shown, "study2-game-table")
+    assert own.printed == ("printed",)
+    assert set(own.origin) == {Origin.SIMULATED, Origin.PRINTED}
+    frame = own.frame.set_index("quantity")
+    assert frame["printed"].tolist() == [45, 48, 56, 67, 15, 15, 15, 15]
+    assert frame.loc["x of state 2, tokens", "simulated"] == 58.25
+    assert frame.loc["C_signal, seconds", "difference"] == 6.25
+    tried = table(shown, "study2-game-settings").frame
+    assert tried.iloc[0].to_dict() == {
+        "setting": "default", "round": 173.0, "step": 0.5, "lapses": 45.0, "x0": 40.5, "x1": 41.5, "x2": 42.5,
+        "x3": 43.5, "brackets": True, "rms": 6.5, "help": 6.25, "signal": 28.5,
+    }  # fmt: skip
+    assert table(shown, "study2-game-learning").frame["game"].tolist() == [0.7]
+    assert "The game was measured." in shown.sentences
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+def test_tables_are_no_wider_than_a_narrow_page(shown, pages):
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    options = ["--no-sandbox"] if sys.platform == "linux" else []
+    with sync_api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=options)
+        tab = browser.new_page(viewport={"width": 904, "height": 800})
+        tab.goto((pages / "report.html").as_uri())
+        tab.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true })")
+        widths = tab.evaluate(
+            "Array.from(document.querySelectorAll('.table .scroll'), "
+            "part => [part.parentNode.id, part.scrollWidth, part.clientWidth])"
+        )
+        keys = {own.key for own in shown.tables}
+        assert keys <= {key for key, *_ in widths}
+        assert not [key for key, table_width, room in widths if key in keys and table_width > room]
+        tab.set_viewport_size({"width": 390, "height": 800})
+        assert tab.evaluate("document.documentElement.scrollWidth") == 390  # tables scroll, the page does not
+        browser.close()
 
 
 def test_every_policy_and_figure_is_there(shown):
     assert table(shown, "study2-means").frame["policy"].tolist() == [*PAPER, *MORE]
     keys = [f.key for f in shown.figures]
     assert keys == [
-        "study2-panels", "study2-panels-more", "study2-claims-em", "study2-claims-truth", "study2-printed"
+        "study2-game-scores", "study2-panels", "study2-panels-more", "study2-claims-em", "study2-claims-truth",
+        "study2-printed",
     ]  # fmt: skip
     assert all(svg.startswith("<svg") for f in shown.figures for svg in f.svgs())
 
@@ -90,14 +171,17 @@ def test_evidence_of_another_game_is_called_so(shown, little, tmp_path, monkeypa
     content = json.loads((little / "study2.json").read_text())
     content["game"]["parameters"]["round_ticks"] += 1
     (tmp_path / "study2.json").write_text(json.dumps(content))
+    game = json.loads((little / "game.json").read_text())
+    game["game"]["map"][1] = game["game"]["map"][1][::-1]
+    (tmp_path / "game.json").write_text(json.dumps(game))
     monkeypatch.setattr(evidence, "FOLDER", tmp_path)
     other = section_of(data_set(simulate_study1(participants=60), kind="simulated"), tmp_path / "out")
-    assert "another game" in " ".join(other.sentences)
+    assert sum("another game" in sentence for sentence in other.sentences) == 2
 
 
 def test_where_the_truth_is_not_known_only_evidence_is_shown(tmp_path):
     other = section_of(data_set(simulate_study1(participants=60), kind="simulated"), tmp_path)
-    one = next(b for b in other.blocks if isinstance(b, Part))
+    one = next(b for b in other.blocks if isinstance(b, Part) and b.key == "study2-one")
     assert isinstance(one.blocks[0], Omitted)
     assert "here it is not" in one.blocks[0].reason
     assert "study2-claims-em" in {f.key for f in other.figures}
@@ -108,7 +192,7 @@ def test_one_state_and_no_evidence(tmp_path, monkeypatch):
     shown = section_of(datasets.load("simulated_study1"), tmp_path / "one", states=(1,))
     reasons = [b.reason for b in shown.flat() if isinstance(b, Omitted)]
     assert any("one state never acts" in r for r in reasons)
-    assert any("no evidence is stored" in r for r in reasons)
+    assert sum("no evidence is stored" in r for r in reasons) == 2
 
 
 def test_another_protocol_is_left_out(tmp_path):

@@ -1,13 +1,12 @@
-"""Section: what data, which part of them, which settings and versions."""
+"""Section: what data, which part of them, and how to read the badges."""
 
 from __future__ import annotations
 
 import pandas as pd
 
-from analysis.report.context import ReportContext, versions
+from analysis.report.context import ReportContext
 from analysis.report.section import Block, Origin, Points, Table, Text
 from analysis.wording import counted
-from models.baum_welch import BaumWelch
 
 PLAIN_WORDS = {
     Origin.SIMULATED: "These data are SIMULATED. They were drawn from a model on a computer; nobody took part. "
@@ -20,10 +19,8 @@ PLAIN_WORDS = {
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
-    """Data card, selection, settings, versions."""
-    blocks: list[Block] = [Text(PLAIN_WORDS[context.origin], "warning"), _data(context), _settings(context)]
-    software = pd.DataFrame(list(versions().items()), columns=["software", "version"])
-    blocks.append(Table("versions", software, "Software", (Origin.DEFINITION,), facts=True))
+    """Data card, selection, badges."""
+    blocks: list[Block] = [Text(PLAIN_WORDS[context.origin], "warning"), _data(context)]
     if context.data.card.references:
         blocks.append(Points(context.data.card.references, "References of the data set"))
     origins = tuple(
@@ -68,46 +65,3 @@ def _data(context: ReportContext) -> Table:
     ]
     frame = pd.DataFrame(rows, columns=["item", "value"])
     return Table("data", frame, "The data and what was asked of them", (context.origin,), facts=True)
-
-
-def _settings(context: ReportContext) -> Table:
-    study = context.study
-    rows = [_fit_row("longer search", list(study.fits), [f.settings for f in study.fits.values()])]
-    if study.paper_fits:
-        paper = [f.settings for f in study.paper_fits.values()]
-        rows.append(_fit_row("published procedure", list(study.paper_fits), paper))
-    for k, bootstrap in study.bootstraps.items():
-        settings = context.effort.for_bootstrap(study.fits[k]).settings
-        row = _fit_row(f"bootstrap, {bootstrap.replicates} replicates", [k], [settings])
-        rows.append(row | {"restarts": "3 a replicate", "finalists": "all", "screening": "–"})
-    for name, main in (("posterior", True), ("posterior, other kappa", False)):
-        sampler = context.effort.sampler(context.seed, main)
-        row = dict.fromkeys(rows[0], "–")
-        row |= {"fit": name, "states": ", ".join(map(str, context.shown_states)), "seed": str(sampler.seed)}
-        row |= {"restarts": f"{sampler.chains} chains", "screening": f"{sampler.tune:,} tuning"}
-        rows.append(row | {"cap": f"{sampler.draws:,} draws", "estimate": "NUTS sample"})
-    caption = (
-        "Settings of every fit. Maps are EM iterations; a run ends when the gain stays below the tolerance. The "
-        "paper prints the 30 restarts and the Dirichlet(1) draws of its procedure, but neither tolerance nor cap: "
-        "the ones here are conventional."
-    )
-    return Table("settings", pd.DataFrame(rows), caption, (Origin.DEFINITION,))
-
-
-def _fit_row(name: str, states: list[int], settings: list[BaumWelch]) -> dict[str, str]:
-    own = settings[0]
-    prior = own.prior
-    flat = prior.initial == prior.transition == prior.emission == 1.0 and prior.stay == 0
-    return {
-        "fit": name,
-        "states": ", ".join(map(str, states)),
-        "restarts": str(own.restarts),
-        "finalists": "all" if own.finalists is None else str(min(own.finalists, own.restarts)),
-        "screening": f"{own.screening_maps} maps" if own.finalists is not None else "–",
-        "cap": f"{own.max_maps:,} maps",
-        "tolerance": f"{own.tolerance:g}",
-        "patience": str(own.patience),
-        "acceleration": "SQUAREM" if own.accelerate else "none",
-        "estimate": "maximum likelihood" if flat else "posterior mode",
-        "seed": str(own.seed),
-    }

@@ -1,4 +1,4 @@
-"""Section: study 2 in the token game, its tests beside the printed ones, and how often its conclusions come out."""
+"""Section: study 2 in the token game, and its tests beside the printed ones."""
 
 from __future__ import annotations
 
@@ -7,19 +7,28 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from analysis.evidence import Evidence
-from analysis.figures.study2 import claim_shares, four_panels, printed_in_place
-from analysis.printed_anova import MEASURES
+from analysis.figures.study2 import four_panels
 from analysis.printed_study2 import anova_beside, comparisons_beside, implied_sentence
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
 from analysis.report.sections.plan import known_truth
+from analysis.report.sections.study2_again import again_blocks
+from analysis.report.sections.study2_game import game_blocks
 from analysis.report.stored import stored
 from analysis.study2 import Study2, run_study2
 from analysis.study2_analysis import Study2Analysis, analyse
 from analysis.study2_claims import as_printed
-from analysis.study2_evidence import game_settings
-from analysis.study2_outcomes import BELIEF, CUMULATIVE, OBSERVED, OUTCOMES, TEAM, by_round, means, relative_to
+from analysis.study2_outcomes import (
+    BELIEF,
+    CUMULATIVE,
+    OBSERVED,
+    OUTCOMES,
+    SHORT,
+    TEAM,
+    by_round,
+    means,
+    relative_to,
+)
 from analysis.study2_policies import LS_POMDP, MORE, NEVER, PAPER, Learned, make_policies
 from analysis.wording import counted
 from models.unseen import evidence_of_actions, unseen_actions
@@ -29,8 +38,8 @@ BESIDE = (Origin.SIMULATED, Origin.PRINTED)
 
 PAPER_STATES = 4
 
-SHORT = ("tokens a round", "tokens in all", "believed state", "observed help")
-"""The outcomes in narrow columns, in their order: one value a person."""
+DIGITS = {TEAM: "+.2f", CUMULATIVE: "+.1f", BELIEF: "+.2f", OBSERVED: "+.3f"}
+"""Of differences between policies."""
 
 CAUTIONS = (
     "These people are drawn from a model with states. That a policy does well with them says nothing about people "
@@ -41,8 +50,6 @@ CAUTIONS = (
     "planned with counts states and costs, not tokens, so more tokens are not more reward.",
     "A conclusion that comes out in most studies is one that such a study would find, not one that is true.",
 )
-
-KINDS = {"em": "learned from a study 1", "truth": "truth known"}
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -60,10 +67,12 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         "is played; what the robot sees is whether the person came."
     )
     one = attempt("one simulated study", partial(_one, context))
-    again = stored("study2", partial(_evidence, context), "replicates of study 2")
+    measured = stored("game", game_blocks, "the game beside the paper's numbers")
+    again = stored("study2", again_blocks, "replicates of study 2")
     return (
         Text(intro),
         Text(implied_sentence(context.published)),
+        Part("Is it the paper's game?", "study2-game", measured),
         Part("One simulated study", "study2-one", one),
         Part("How often do the paper's conclusions come out?", "study2-again", again),
         Points(CAUTIONS, "What not to conclude"),
@@ -160,7 +169,7 @@ def _swings(study: Study2) -> str:
 
 def _means(study: Study2) -> Table:
     table = means(study)
-    names = dict(zip(OUTCOMES, SHORT, strict=True)) | {
+    names = SHORT | {
         "top_state_probability": "P(most prosocial)", "costly_actions": "costly actions", "reward": "reward"
     }  # fmt: skip
     wide = table.pivot_table(index="policy", columns="outcome", values="mean").loc[
@@ -188,23 +197,41 @@ def _beside(context: ReportContext, found: Study2Analysis) -> tuple[Block, ...]:
         formats={"simulated_f": ",.2f", "simulated_p": ".2g", "printed_f": ",.2f", "printed_p": ".4g"},
         groups=(("", 2), ("simulated", 2), ("printed", 2)),
     )  # fmt: skip
+    return anova, *_compared(context, found)
+
+
+def _compared(context: ReportContext, found: Study2Analysis) -> tuple[Table, ...]:
+    """One table an outcome: each has its own digits, and fits a narrow page."""
     pairs = comparisons_beside(found, context.published)
-    told = dict(zip((f.what for f in found.tukey.values()), SHORT, strict=False))
-    pairs = pairs.assign(outcome=pairs["outcome"].replace(told))
     heads = {
         "simulated_difference": "difference", "simulated_low": "from", "simulated_high": "to",
         "simulated_p": "p, Tukey", "simulated_dunnett": "p, Dunnett", "printed_difference": "difference",
         "printed_p": "p, Tukey",
     }  # fmt: skip
-    compared = Table(
-        "study2-tukey", pairs,
-        f"Mean under each policy less mean under {found.reference}, one value a person: simulated beside printed. "
-        "Intervals are Tukey's, for all pairs together.",
-        BESIDE, row_headings=2, printed=("printed_difference", "printed_p"), headings=heads,
-        formats={c: ".2g" if "_p" in c or "dunnett" in c else "+.3f" for c in heads},
-        groups=(("", 2), ("simulated", 5), ("printed", 2)),
-    )  # fmt: skip
-    return anova, compared
+    out = []
+    for key, tukey in found.tukey.items():
+        own = pairs[pairs["outcome"] == tukey.what].drop(columns="outcome")
+        is_printed = bool(own["printed_difference"].notna().any())
+        if not is_printed:
+            own = own.drop(columns=["printed_difference", "printed_p"])
+        shown = [name for name in heads if name in own.columns]
+        beside = (
+            "simulated beside printed. A printed p of 0 stands for p < .001"
+            if is_printed
+            else "simulated; the paper prints none"
+        )
+        out.append(
+            Table(
+                f"study2-tukey-{key.replace('_', '-')}", own,
+                f"{tukey.what[:1].upper()}{tukey.what[1:]}: mean under each policy less mean under "
+                f"{found.reference}, one value a person: {beside}. Intervals are Tukey's, for all pairs together.",
+                BESIDE if is_printed else SIMULATED, headings={name: heads[name] for name in shown},
+                printed=("printed_difference", "printed_p") if is_printed else (),
+                formats={n: ".2g" if "_p" in n or "dunnett" in n else DIGITS[key] for n in shown},
+                groups=(("", 1), ("simulated", 5), *((("printed", 2),) if is_printed else ())),
+            )
+        )  # fmt: skip
+    return tuple(out)
 
 
 def _help(found: Study2Analysis) -> tuple[Block, ...]:
@@ -236,115 +263,3 @@ def _help(found: Study2Analysis) -> tuple[Block, ...]:
         )  # fmt: skip
         blocks += [Text(note, "note") for note in found.twin.notes]
     return tuple(blocks)
-
-
-# -- stored replicates -----------------------------------------------------------------------------
-def _evidence(context: ReportContext, found: Evidence) -> tuple[Block, ...]:
-    content = found.content
-    rows = pd.DataFrame(content["claims"])
-    settings = content["settings"]
-    blocks: list[Block] = []
-    if content["game"] != game_settings():
-        blocks.append(
-            Text("The game's map or settings have changed since: these numbers are of another game.", "warning")
-        )
-    for kind in settings:
-        own = rows[rows["learning"] == kind]
-        told = "; ".join(
-            f"{r.text}: {r.share:.1%}" for r in own[own["whole"] & (own["planner"] == LS_POMDP)].itertuples()
-        )
-        blocks.append(
-            Figure(
-                f"study2-claims-{kind}", (partial(claim_shares, own, title=f"Robot: {KINDS[kind]}. Planner:"),),
-                f"Share of {settings[kind]['replicates']:,} simulated studies that lead to each conclusion of the "
-                f"paper (bold) and to its parts; robot: {KINDS[kind]}. Each planner takes the place of the paper's "
-                "own among its four other policies. Intervals are 95%"
-                + (f", over {settings[kind]['worlds']} studies 1." if kind == "em" else "."),
-                (f"{LS_POMDP}: {told}.",), BESIDE,
-            )
-        )  # fmt: skip
-    blocks.append(_shares(rows, settings))
-    blocks.append(_policy_means(pd.DataFrame(content["means"])))
-    numbers = pd.DataFrame(content["numbers"])
-    blocks += [Text(_outside(numbers)), _in_place(numbers)]
-    return tuple(blocks)
-
-
-def _shares(rows: pd.DataFrame, settings: dict[str, dict[str, object]]) -> Table:
-    own = rows[rows["planner"] == LS_POMDP]
-    wide = own.pivot_table(index="claim", columns="learning", values="share")
-    first = own.drop_duplicates("claim").set_index("claim")
-    name = [r.name.upper() if r.whole else r.name for r in first.reset_index().itertuples(index=False)]
-    frame = wide.loc[first.index, list(settings)].assign(conclusion=name, paper=first["printed"])
-    return Table(
-        "study2-claims-table", frame[["conclusion", *settings, "paper"]].reset_index(drop=True),
-        f"Share of simulated studies that lead to each conclusion (capitals) and to its parts, {LS_POMDP} the "
-        "planner, and whether the paper's own study does.", BESIDE, printed=("paper",),
-        headings={**{k: KINDS[k] for k in settings}, "paper": "paper's study"},
-        formats=dict.fromkeys(settings, ".1%"),
-    )  # fmt: skip
-
-
-def _policy_means(rows: pd.DataFrame) -> Table:
-    measures = {TEAM: "tokens a round", OBSERVED: "observed help", BELIEF: "believed state",
-                "costly_actions": "costly actions", "reward": "reward"}  # fmt: skip
-    wide = rows.pivot_table(index=["learning", "policy"], columns="measure", values="mean")[list(measures)]
-    order = rows[["learning", "policy"]].drop_duplicates()
-    frame = wide.loc[list(order.itertuples(index=False, name=None))].reset_index()
-    return Table(
-        "study2-policies", frame.assign(learning=frame["learning"].map(KINDS)),
-        "Means over all simulated people, by what the robot knew. Reward: by the true states and the published "
-        "reward, summed over the rounds.", SIMULATED, row_headings=2, headings={"learning": "robot", **measures},
-        formats={TEAM: ".2f", OBSERVED: ".3f", BELIEF: ".2f", "costly_actions": ".2f", "reward": ",.1f"},
-    )  # fmt: skip
-
-
-def _outside(rows: pd.DataFrame) -> str:
-    """Which printed numbers hardly any simulated study has, whatever the robot knows."""
-    off: dict[str, dict[str, str]] = {}
-    for kind in KINDS:
-        own = rows[(rows["planner"] == LS_POMDP) & (rows["learning"] == kind)]
-        sides = {
-            r.number: "below" if r.printed < r.q05 else "above"
-            for r in own.itertuples()
-            if r.printed < r.q05 or r.printed > r.q95
-        }
-        off[kind] = sides
-    both = {n: side for n, side in off["em"].items() if off["truth"].get(n) == side}
-    named = "; ".join(f"{_spoken(n)} ({side})" for n, side in both.items())
-    total = len(rows["number"].unique())
-    counts = " and ".join(f"{len(off[kind])} ({words})" for kind, words in KINDS.items())
-    return (
-        f"Of the {total} printed numbers, {counts} lie outside the middle 90% of simulated studies; in both, on "
-        f"the same side: {named or 'none'}."
-    )
-
-
-def _spoken(number: str) -> str:
-    for key, name in MEASURES.items():
-        number = number.replace(key, name)
-    return number
-
-
-def _in_place(rows: pd.DataFrame) -> Figure:
-    own = rows[rows["planner"] == LS_POMDP]
-    own = own.assign(learning=own["learning"].map(KINDS))
-    panels, alt = [], []
-    for start, xlabel, log in (
-        ("F ", "F of the mixed analysis of variance", True),
-        (f"difference {TEAM}, ", f"tokens a round less {LS_POMDP}", False),
-        (f"difference {OBSERVED}, ", f"observed help less {LS_POMDP}", False),
-    ):
-        part = own[own["number"].str.startswith(start)]
-        part = part.assign(label=[_spoken(n.removeprefix(start)) for n in part["number"]])
-        panels.append(partial(printed_in_place, part, xlabel=xlabel, log=log))
-        told = "; ".join(
-            f"{r.label}: printed {r.printed:g}, simulated ({r.learning}) {r.q05:.3g} to {r.q95:.3g}"
-            for r in part.itertuples()
-        )
-        alt.append(f"{xlabel}. {told}.")
-    return Figure(
-        "study2-printed", tuple(panels),
-        "Every number that the paper prints (stars) beside its distribution over simulated studies: median, middle "
-        "half (thick) and middle 90% (thin).", tuple(alt), BESIDE,
-    )  # fmt: skip

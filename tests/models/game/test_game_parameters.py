@@ -1,7 +1,9 @@
 """Parameters of the token game: what is refused, and what kernels get."""
 
+import json
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from models.errors import InputError
@@ -20,6 +22,10 @@ def test_what_the_paper_prints():
         ({"round_ticks": 0}, "game parameters, round_ticks: found 0, wanted a whole number of ticks from 1"),
         ({"human_step_ticks": 2.5}, "game parameters, human_step_ticks: found 2.5"),
         ({"trap_tick": -1}, "game parameters, trap_tick: found -1"),
+        ({"human_step_ticks": np.float64(2)}, "game parameters, human_step_ticks: found"),
+        ({"trap_tick": np.bool_(True)}, "game parameters, trap_tick: found"),
+        ({"round_ticks": np.int64(0)}, "game parameters, round_ticks: found"),
+        ({"signal_notice_share": np.float32(1.5)}, "game parameters, signal_notice_share: found"),
         ({"robot_help_delay": True}, "game parameters, robot_help_delay: found True"),
         ({"clear_trapped_room": 1}, "game parameters, clear_trapped_room: found 1, wanted true or false"),
         ({"human_wander": 1.2}, "game parameters, human_wander: found 1.2, wanted a number from 0 to 1"),
@@ -33,6 +39,19 @@ def test_unusable_values_are_named(given, message):
     with pytest.raises(InputError) as error:
         GameParameters(**given)
     assert message in str(error.value)
+
+
+def test_numbers_of_numpy_become_plain_ones():
+    given = GameParameters(
+        round_ticks=np.int64(1730), human_step_ticks=np.uint8(5), human_wander=np.float64(0.1),
+        human_lapse=np.float32(0.5), clear_trapped_room=np.bool_(False),
+    )  # fmt: skip
+    plain = GameParameters(human_lapse=0.5, clear_trapped_room=False)
+    assert given == plain
+    assert hash(given) == hash(plain)
+    assert json.loads(json.dumps(given.to_dict())) == plain.to_dict()
+    assert [type(value) for value in given.to_dict().values()] == [type(v) for v in plain.to_dict().values()]
+    assert (given.settings == plain.settings).all()
 
 
 def test_every_parameter_reaches_the_kernels():

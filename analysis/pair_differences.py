@@ -1,0 +1,293 @@
+"""What differs between two sides: responses, tables, predictions, plans, each with the doubt of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from analysis.response_rates import response_rates
+from analysis.side_by_side import Side
+from analysis.wording import counted
+from models.baum_welch import BaumWelch
+from models.errors import located
+from models.events import EventLog
+from models.inference import run_log_likelihoods
+from models.lspomdp import LatentStatePOMDP
+from models.model_draws import ModelDraws
+from models.parameters import Array
+from models.planning.evaluation import evaluate_schedule
+from models.planning.exact import solve_schedule
+from models.planning.plan_policy import PlanPolicy
+from models.planning.schedule import Schedule
+from models.simulation import simulate_responses
+
+LEVEL = 0.95
+PAIRS = 4000
+"""Pairs of draws, one of each side, that differences are read off."""
+
+STREAM_PAIRS, STREAM_TEST = 7_301, 7_302
+"""First elements of the spawn keys of the streams."""
+
+
+def rate_differences(a: EventLog, b: EventLog) -> pd.DataFrame:
+    """Response rates by round and action, and B less A.
+
+    The interval of a difference puts the two intervals together (MOVER, Zou & Donner 2008), so it knows whatever
+    they know: Wilson's for shares, and that people repeat.
+
+    Returns
+    -------
+    DataFrame
+        ``k, action``, then of each side ``responses_a, rate_a, low_a, high_a`` (and b), ``difference, low, high``.
+    """
+    tables = []
+    for log in (a, b):
+        names = np.asarray(log.protocol.action_names)
+        tables.append(response_rates(log, {"k": log.k, "action": names[log.action]}, LEVEL))
+    own = ["responses", "rate", "low", "high"]
+    left, right = (
+        t[["k", "action", *own]].rename(columns={c: f"{c}_{side}" for c in own})
+        for t, side in zip(tables, "ab", strict=True)
+    )
+    both = left.merge(right, on=["k", "action"], how="inner").sort_values(["k", "action"], ignore_index=True)
+    d = both["rate_b"] - both["rate_a"]
+    low = d - np.hypot(both["rate_b"] - both["low_b"], both["high_a"] - both["rate_a"])
+    high = d + np.hypot(both["high_b"] - both["rate_b"], both["rate_a"] - both["low_a"])
+    return both.assign(difference=d, low=low, high=high)
+
+
+@dataclass(frozen=True)
+class EntryDifferences:
+    """Every entry of the tables on both sides.
+
+    Attributes
+    ----------
+    states : int
+    table : DataFrame
+        ``entry, a, low_a, high_a, b, low_b, high_b, difference, low, high, higher`` (share of pairs of draws in
+        which B is higher), ``apart`` (the interval of the difference leaves out zero).
+    """
+
+    states: int
+    table: pd.DataFrame
+
+    @property
+    def sentence(self) -> str:
+        """How many entries differ, beside how many would by chance."""
+        n, apart = len(self.table), int(self.table["apart"].sum())
+        return (
+            f"With {counted(self.states, 'state')}, {apart} of {n} entries differ by more than their 95% intervals "
+            f"allow; if nothing differed, about {(1 - LEVEL) * n:.1f} would. States are in canonical order on both "
+            "sides; where a state means something else on the other side, entries differ for that reason alone."
+        )
+
+
+def entry_differences(a: Side, b: Side, states: int, seed: int = 1) -> EntryDifferences:
+    """Entries of both sides, and their differences over independent pairs of draws.
+
+    Parameters
+    ----------
+    a, b : Side
+    states : int
+    seed : int
+        Of the pairs.
+    """
+    names, left = _entries(a.draws[states])
+    _, right = _entries(b.draws[states])
+    point = [_entries(ModelDraws.from_models([side.estimates[states]]))[1][0] for side in (a, b)]
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM_PAIRS, states)))
+    i = rng.choice(len(left), PAIRS, p=a.draws[states].weight)
+    j = rng.choice(len(right), PAIRS, p=b.draws[states].weight)
+    differences = right[j] - left[i]
+    tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    low, high = np.quantile(differences, tails, axis=0)
+    table = pd.DataFrame({"entry": names})
+    for side, values, estimate in (("a", left[i], point[0]), ("b", right[j], point[1])):
+        bottom, top = np.quantile(values, tails, axis=0)
+        table = table.assign(**{side: estimate, f"low_{side}": bottom, f"high_{side}": top})
+    higher = (differences > 0).mean(axis=0) + 0.5 * (differences == 0).mean(axis=0)
+    apart = (low > 0) | (high < 0)
+    table = table.assign(difference=point[1] - point[0], low=low, high=high, higher=higher, apart=apart)
+    return EntryDifferences(states, table)
+
+
+def _entries(draws: ModelDraws) -> tuple[list[str], Array]:
+    """Names and values ``[d, entry]`` of all tables."""
+    p, n = draws.protocol, draws.n_states
+    names = [f"initial[s{s}]" for s in range(n)]
+    names += [f"transition[{a},s{s},s{t}]" for a in p.action_names for s in range(n) for t in range(n)]
+    emission = draws.emission
+    if p.n_responses == 2:
+        top = int(np.argmax(p.scores))
+        names += [f"{p.response_names[top]}_probability[{a},s{s}]" for a in p.emission_actions for s in range(n)]
+        emission = emission[..., top]
+    else:
+        names += [f"emission[{a},s{s},{o}]" for a in p.emission_actions for s in range(n) for o in p.response_names]
+    d = draws.n_draws
+    parts = [draws.initial, draws.transition.reshape(d, -1), emission.reshape(d, -1)]
+    return names, np.concatenate(parts, axis=1)
+
+
+def cross_prediction(a: Side, b: Side, states: int) -> pd.DataFrame:
+    """How well each side's model predicts the people of both.
+
+    Returns
+    -------
+    DataFrame
+        ``people`` (whose), ``model`` (of which side), ``per_response`` (log score a response), ``loss`` (what the
+        other side's model loses a response against the own one), with ``low, high`` (95%, over people). The own
+        model has seen its people, so a small loss is expected even where nothing differs.
+
+    Raises
+    ------
+    InputError
+        If a side has no data.
+    """
+    rows = []
+    for whose, other in ((a, b), (b, a)):
+        if whose.log is None:
+            raise located(f"side {whose.label}", whose.name, "a data set: a fit has nobody to predict")
+        log, n = whose.log, whose.log.n_responses_recorded
+        scores = {s.label: run_log_likelihoods(s.estimates[states], log) for s in (whose, other)}
+        _, person = np.unique(log.participant, return_inverse=True)
+        lost = np.bincount(person, scores[whose.label] - scores[other.label])
+        half = 1.96 * lost.std(ddof=1) * np.sqrt(len(lost)) if len(lost) > 1 else np.nan
+        for side in (whose, other):
+            own = side is whose
+            rows.append({
+                "people": whose.label, "model": side.label, "per_response": scores[side.label].sum() / n,
+                "loss": 0.0 if own else lost.sum() / n, "low": np.nan if own else (lost.sum() - half) / n,
+                "high": np.nan if own else (lost.sum() + half) / n,
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+@dataclass(frozen=True)
+class SameModelTest:
+    """Whether one model for both sides does as well as one each.
+
+    Attributes
+    ----------
+    states, free : int
+        Number of states; how many more parameters two models have.
+    statistic : float
+        Twice the log-likelihood of two models less that of one.
+    null : float64[replicates]
+        The statistic where one model is true: both studies simulated from it and fitted again.
+    p_value : float
+        Share of the replicates, the data themselves counted in, that reach the statistic.
+    """
+
+    states: int
+    free: int
+    statistic: float
+    null: Array
+    p_value: float
+
+    @property
+    def sentence(self) -> str:
+        """The result in one sentence."""
+        return (
+            f"Two models of {counted(self.states, 'state')} instead of one for both gain {self.statistic:.1f} in "
+            f"twice the log-likelihood; where one model is true they gain {np.median(self.null):.1f} in the median "
+            f"and {np.quantile(self.null, 0.95):.1f} in one study of twenty ({len(self.null)} simulated pairs; "
+            f"p = {self.p_value:.3f}, parametric bootstrap)."
+        )
+
+
+def same_model_test(
+    a: EventLog, b: EventLog, states: int, settings: BaumWelch, replicates: int = 99, *,
+    progress: Callable[[int, int], None] | None = None,
+) -> SameModelTest:  # fmt: skip
+    """Likelihood-ratio test of one model for both data sets, by parametric bootstrap.
+
+    The chi-squared limit does not hold: entries sit on the boundary of the simplex and states can coincide.
+
+    Parameters
+    ----------
+    a, b : EventLog
+    states : int
+    settings : BaumWelch
+        Of every fit; its seed is that of the simulated pairs, too.
+    replicates : int
+    progress : callable, optional
+        Called with (pairs done, pairs in all).
+    """
+    both = pooled(a, b)
+    pooled_fit = settings.fit(both)
+    separate = sum(settings.fit(log).log_likelihood for log in (a, b))
+    statistic = max(0.0, 2 * (separate - pooled_fit.log_likelihood))
+    null = np.empty(replicates)
+    for i in range(replicates):
+        rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM_TEST, states, i)))
+        pair = [simulate_responses(pooled_fit.model, log, rng)[0] for log in (a, b)]
+        apart = sum(settings.fit(log).log_likelihood for log in pair)
+        null[i] = max(0.0, 2 * (apart - settings.fit(pooled(*pair)).log_likelihood))
+        if progress is not None:
+            progress(i + 1, replicates)
+    p = (1 + int((null >= statistic).sum())) / (replicates + 1)
+    return SameModelTest(states, pooled_fit.n_parameters, statistic, null, p)
+
+
+def pooled(a: EventLog, b: EventLog) -> EventLog:
+    """Both data sets as one; people of B are other people than those of A.
+
+    Raises
+    ------
+    InputError
+        If they follow different protocols.
+    """
+    if a.protocol != b.protocol:
+        raise located("pooled data, protocol", b.protocol.name, a.protocol.name)
+    frames = [log.to_frame().assign(study="both") for log in (a, b)]
+    frames[1]["participant"] += int(frames[0]["participant"].max()) + 1 - int(frames[1]["participant"].min())
+    shared = [c for c in frames[0].columns if c in frames[1].columns]
+    joined = pd.concat([f[shared] for f in frames], ignore_index=True)
+    return EventLog.from_frame(joined, a.protocol, "both data sets")
+
+
+def plan_exchange(a: Side, b: Side, states: int, schedule: str | Sequence[str]) -> pd.DataFrame:
+    """What the best plan of each side is worth in the models of both.
+
+    Returns
+    -------
+    DataFrame
+        ``plan`` (of which side's estimate), ``world`` (whose estimate and draws it is valued in), ``value`` in
+        the estimate, ``low, high`` (95% over the draws), ``loss`` against the world's own plan in the estimate,
+        with ``loss_low, loss_high`` (paired over the draws), ``first_action``, ``help_rate``, ``costly_actions``.
+    """
+    plans = {s.label: solve_schedule(Schedule.of(s.estimates[states], schedule)) for s in (a, b)}
+    rows = []
+    for world in (a, b):
+        truth: dict[str, LatentStatePOMDP | ModelDraws] = {
+            "point": world.estimates[states], "draws": world.draws[states]
+        }  # fmt: skip
+        valued = {
+            (label, kind): evaluate_schedule(PlanPolicy.of(plan, f"plan of {label}"), model, schedule)
+            for label, plan in plans.items() for kind, model in truth.items()
+        }  # fmt: skip
+        own = valued[world.label, "point"].value
+        weight = world.draws[states].weight
+        for label, plan in plans.items():
+            value, drawn = valued[label, "point"], valued[label, "draws"].values
+            low, high = _weighted(drawn, weight)
+            loss_low, loss_high = _weighted(valued[world.label, "draws"].values - drawn, weight)
+            rows.append({
+                "plan": label, "world": world.label, "value": value.value, "low": low, "high": high,
+                "loss": own - value.value, "loss_low": loss_low, "loss_high": loss_high,
+                "first_action": plan.first_action, "help_rate": value.help_rate,
+                "costly_actions": value.costly_actions,
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _weighted(values: Array, weight: Array) -> tuple[float, float]:
+    """95% interval of weighted draws."""
+    order = np.argsort(values)
+    share = np.cumsum(weight[order])
+    ends = np.searchsorted(share, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = values[order][np.minimum(ends, len(values) - 1)]
+    return float(low), float(high)

@@ -1,0 +1,186 @@
+"""Two data sets or two fits side by side: what each says, each with its own doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis import datasets
+from analysis.draws_source import NETCDF
+from analysis.em_study import EmStudy, parse_states
+from analysis.study_selection import select
+from analysis.wording import counted
+from models.errors import InputError, located
+from models.events import EventLog
+from models.lspomdp import LatentStatePOMDP
+from models.model_draws import ModelDraws
+from models.parameters import Array
+from models.protocol import Protocol
+
+Fit = Callable[[EventLog, Sequence[int], Mapping[str, Array | None]], EmStudy]
+"""Baum-Welch over several numbers of states, with a bootstrap of every model."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two.
+
+    Attributes
+    ----------
+    label : str
+        ``A`` or ``B``.
+    name : str
+        As the user gave it.
+    title : str
+    kind : str
+        Of its data: ``real``, ``simulated`` or ``unstated``.
+    digest : str
+        Of its content; empty if a fit does not say.
+    facts : mapping of str to str
+        What there is to say of it, for a table.
+    estimates : mapping of int to LatentStatePOMDP
+        By number of states: maximum likelihood, or the posterior mean.
+    draws : mapping of int to ModelDraws
+        Its doubt: bootstrap replicates, or posterior draws.
+    doubt : str
+        What the draws are, in words.
+    log : EventLog, optional
+        None for a fit.
+    study : EmStudy, optional
+        Fits of a data set.
+    warnings : tuple of str
+    """
+
+    label: str
+    name: str
+    title: str
+    kind: str
+    digest: str
+    facts: Mapping[str, str]
+    estimates: Mapping[int, LatentStatePOMDP]
+    draws: Mapping[int, ModelDraws]
+    doubt: str
+    log: EventLog | None = None
+    study: EmStudy | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def protocol(self) -> Protocol:
+        """Protocol of its models."""
+        return next(iter(self.estimates.values())).protocol
+
+
+def is_fit(name: str) -> bool:
+    """Whether a file is a stored posterior (netCDF)."""
+    try:
+        with Path(name).open("rb") as stream:
+            return stream.read(4) in NETCDF
+    except OSError:
+        return False
+
+
+def data_side(
+    label: str, name: str, fit: Fit, *, states: str | None, condition: Sequence[str] | None = None,
+    pins: Sequence[str] | None = None, protocol: Protocol | None = None,
+) -> Side:  # fmt: skip
+    """A data set as one side.
+
+    Raises
+    ------
+    InputError
+        On what cannot be read, unknown conditions or actions.
+    """
+    dataset = datasets.load(name) if protocol is None else datasets.load(name, protocol)
+    chosen = select(dataset, condition, states, pins)
+    log = chosen.log
+    study = fit(log, chosen.states, dict.fromkeys(chosen.pins))
+    bootstraps = {
+        k: ModelDraws(
+            log.protocol, b.initial, b.transition, b.emission, np.full(b.replicates, 1 / b.replicates),
+            {"source": name}, study.fits[k].model.state_names, study.fits[k].model.reward,
+        )
+        for k, b in study.bootstraps.items()
+    }  # fmt: skip
+    kinds = sorted({b.kind for b in study.bootstraps.values()})
+    facts = {
+        "what it is": dataset.card.what or "not stated", "source": dataset.card.source,
+        "conditions": ", ".join(log.conditions), "actions held fixed": ", ".join(chosen.pins) or "none",
+        "people": f"{log.n_participants:,}", "runs": f"{log.n_runs:,}", "events": f"{log.n_events:,}",
+        "responses": f"{log.n_responses_recorded:,}", "numbers of states": ", ".join(map(str, study.states)),
+    }  # fmt: skip
+    return Side(
+        label, name, dataset.card.title, dataset.card.kind, dataset.digest, facts,
+        {k: f.model for k, f in study.fits.items()}, bootstraps, ", ".join(kinds), log, study,
+        tuple(dataset.notes),
+    )  # fmt: skip
+
+
+def fit_side(label: str, name: str, protocol: Protocol | None = None) -> Side:
+    """A stored posterior as one side: its draws, and their mean as the estimate.
+
+    Raises
+    ------
+    InputError
+        On what cannot be read, a fit whose tables differ between groups or people, or one of another protocol.
+    """
+    from models.posterior_files import read_posterior
+    from models.robust.candidates import posterior_mean
+
+    fit = read_posterior(name)
+    if fit.groups or fit.people_differ:
+        found = "one whose tables differ between groups" if fit.groups else "one in which people differ"
+        raise located(f"--compare, {name}", found, "a fit with one set of tables")
+    if protocol is not None and protocol != fit.protocol:
+        raise located("--protocol", protocol.name, f"none: {name} has its own, {fit.protocol.name!r}")
+    draws = fit.draws()
+    origin = fit.settings.get("provenance", {})
+    data = str(origin.get("data", "not stated"))
+    kind = datasets.card(data).kind if data in datasets.names() else "unstated"
+    facts = {
+        "what it is": f"posterior of the model with {counted(fit.n_states, 'state')}", "source": data,
+        "draws": f"{draws.n_draws:,}", "gate": fit.gate.sentence,
+        "actions held fixed": ", ".join(fit.settings.get("pins", ())) or "none",
+    }  # fmt: skip
+    warnings = () if fit.gate.passed else (f"{name} failed its gate: {'; '.join(fit.gate.reasons)}",)
+    return Side(
+        label, name, f"Posterior {Path(name).name}", kind, str(origin.get("data_digest", "")), facts,
+        {fit.n_states: posterior_mean(draws)}, {fit.n_states: draws}, "posterior", warnings=warnings,
+    )  # fmt: skip
+
+
+def shared_states(a: Side, b: Side) -> tuple[int, ...]:
+    """Numbers of states that both sides have.
+
+    Raises
+    ------
+    InputError
+        If there are none, or the sides follow different protocols.
+    """
+    if a.protocol != b.protocol:
+        raise InputError(
+            f"--compare: {a.name} follows the protocol {a.protocol.name!r}, {b.name} follows "
+            f"{b.protocol.name!r}; two that follow the same one were wanted"
+        )
+    both = tuple(k for k in a.estimates if k in b.estimates)
+    if not both:
+        own = [", ".join(map(str, s.estimates)) for s in (a, b)]
+        raise located(
+            "--compare, numbers of states", f"{own[0]} in {a.name}, {own[1]} in {b.name}", "one that both have"
+        )
+    return both
+
+
+def states_for(a: str, b: str, states: str | None) -> str | None:
+    """Numbers of states that a data set has to be fitted with: a fit on the other side decides."""
+    from models.posterior_files import read_posterior
+
+    sizes = {read_posterior(name).n_states for name in (a, b) if is_fit(name)}
+    if states is not None:
+        missing = sizes - set(parse_states(states))
+        if missing:
+            raise located("--states", states, f"{', '.join(map(str, sorted(sizes)))}, which the fit has")
+        return states
+    return ",".join(map(str, sorted(sizes))) if sizes else None

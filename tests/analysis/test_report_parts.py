@@ -1,0 +1,291 @@
+import csv
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis import fits
+from analysis.figures.style import axes
+from analysis.report.analysis_plan import EXPLORATORY, PLANNED, read_analysis_plan
+from analysis.report.build import build_report
+from analysis.report.output_map import output_map, plot_functions
+from analysis.report.parts import escaped, latex
+from analysis.report.registry import SECTIONS, Entry
+from analysis.report.section import Figure, Origin, Part, Section, Table, Text
+from models.errors import InputError
+from models.protocol import PUBLISHED
+from tests.analysis.command import result_of, run
+from tests.analysis.report_cases import data_set, little_effort, random_log
+
+PNG = b"\x89PNG\r\n\x1a\n"
+DATE = "2026-01-31"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_store(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "store_folder", lambda: folder)
+        little_effort(patch)
+        yield
+
+
+def some(*keys):
+    return tuple(e for e in SECTIONS if e.key in keys)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return data_set(random_log(PUBLISHED, people=20), kind="simulated")
+
+
+@pytest.fixture(scope="module")
+def report(small, tmp_path_factory):
+    out = tmp_path_factory.mktemp("report")
+    return build_report(
+        small, states=(2,), quick=True, out=out, date=DATE, sections=some("provenance", "study", "states")
+    )
+
+
+def index(report):
+    with (report.parts.folder / "index.csv").open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+# -- the files -------------------------------------------------------------------------------------
+def test_every_figure_and_table_is_a_file_and_listed(report):
+    listed = index(report)
+    shown = [b.key for s in report.sections for b in s.flat() if isinstance(b, Figure | Table)]
+    assert [row["key"] for row in listed] == shown
+    named = {name for row in listed for name in row["files"].split()}
+    there = {p.name for p in report.parts.folder.iterdir()}
+    assert there == named | {"index.csv", "methods.txt"}
+    assert all(row["origin"] and row["made_by"] and row["caption"] for row in listed)
+    assert report.parts.figures + report.parts.tables == len(listed)
+
+
+def test_numbers_are_those_of_the_page(report):
+    page = report.html.read_text(encoding="utf-8")
+    for row in index(report):
+        place = page.index(f'id="{row["key"]}"')
+        found = re.search(r"<strong>(Figure|Table) \d+", page[place:])
+        assert found[0] == f"<strong>{row['output']}"
+
+
+def test_figures_can_be_read(report):
+    pictures = sorted(report.parts.folder.glob("*.png"))
+    assert pictures
+    assert all(p.read_bytes().startswith(PNG) for p in pictures)
+    for path in report.parts.folder.glob("*.svg"):
+        assert ET.parse(path).getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert {p.stem for p in pictures} == {p.stem for p in report.parts.folder.glob("*.svg")}
+
+
+def test_csv_holds_the_numbers_as_computed(report):
+    for section in report.sections:
+        for table in section.tables:
+            (path,) = report.parts.folder.glob(f"table-??-{table.key}.csv")
+            back = pd.read_csv(path)
+            assert list(back.columns) == [str(c) for c in table.frame.columns]
+            for column in table.frame.columns:
+                if pd.api.types.is_float_dtype(table.frame[column]):
+                    np.testing.assert_array_equal(back[column], table.frame[column])
+
+
+def test_latex_is_ascii_with_as_many_cells_as_the_page(report):
+    for section in report.sections:
+        for table in section.tables:
+            text = latex(table)
+            assert text.isascii()
+            body = text[text.index(r"\toprule") : text.index(r"\bottomrule")]
+            lines = [line for line in body.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+            assert len(lines) == len(table.frame) + (not table.facts)
+            assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in lines} == {len(table.frame.columns)}
+            assert table.origin[0].label in text
+
+
+def test_latex_escapes_what_latex_takes_for_commands():
+    text = r"50% of $x_1 & \alpha {~} #2 ^ <b>|c|"
+    out = escaped(text)
+    plain = re.sub(r"\\textbackslash\{\}|\\textasciitilde\{\}|\\textasciicircum\{\}", "", out)
+    assert not re.search(r"(?<!\\)[%&#_{}]|[~^]", plain)
+    assert escaped("\N{SNOWMAN}") == r"\symbol{9731}"
+
+
+def test_parts_replace_those_of_the_report_before_and_nothing_else(small, tmp_path):
+    chosen = some("provenance")
+    build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen)
+    stale = tmp_path / "parts" / "table-99-old.csv"
+    stale.write_text("old")
+    build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen)
+    assert not stale.exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["parts", "report.html"]
+    (tmp_path / "parts" / "index.csv").unlink()
+    (tmp_path / "parts" / "mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="folder of other files"):
+        build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen)
+    assert (tmp_path / "parts" / "mine.txt").read_text() == "keep"
+
+
+def test_a_failure_leaves_the_last_parts_alone(small, tmp_path):
+    build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=some("provenance"))
+    before = {p.name: p.read_bytes() for p in (tmp_path / "parts").iterdir()}
+
+    def draw():
+        raise RuntimeError("no such plot")
+
+    bad = Entry("bad", "Bad", lambda _: (Figure("bad-figure", (draw,), "c", ("alt",), (Origin.DEFINITION,)),))
+    with pytest.raises(RuntimeError, match="no such plot"):
+        build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=(bad,))
+    assert {p.name: p.read_bytes() for p in (tmp_path / "parts").iterdir()} == before
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_without_parts_nothing_else_is_written(small, tmp_path):
+    result = build_report(
+        small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=some("provenance"), parts=False
+    )
+    assert result.parts is None
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+# -- what makes what -------------------------------------------------------------------------------
+def test_makers_of_figures_are_plot_functions_that_exist(report):
+    import importlib
+
+    for row in index(report):
+        for name in row["made_by"].split(", "):
+            module, _, function = name.rpartition(".")
+            if row["output"].startswith("Figure"):
+                assert module.startswith("analysis.figures.")
+                assert callable(getattr(importlib.import_module(module), function))
+            else:
+                importlib.import_module(name)
+
+
+def test_plot_functions_are_read_off_lambdas_partials_and_inner_functions():
+    from functools import partial
+
+    from analysis.figures import curves
+    from analysis.figures.reward import reward_by_state
+
+    def inner():
+        def draw():
+            return curves.curves({})
+
+        return draw
+
+    made = Figure(
+        "f", (partial(reward_by_state, None), inner(), lambda: axes()), "c", ("a", "b", "c"), (Origin.DEFINITION,)
+    )
+    assert plot_functions(made) == ["analysis.figures.reward.reward_by_state", "analysis.figures.curves.curves"]
+
+
+# -- planned and exploratory -----------------------------------------------------------------------
+PLAN = """
+title = "A plan"
+date = 2026-01-05
+where = "a registry"
+[[planned]]
+results = ["study", "criteria-by-states"]
+why = "people help more once they were helped"
+"""
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return path
+
+
+def test_everything_is_planned_or_exploratory(small, plan, tmp_path):
+    chosen = some("provenance", "study", "states")
+    result = build_report(
+        small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen, plan=read_analysis_plan(plan)
+    )
+    status = {row["key"]: (row["section"], row["status"]) for row in index(result)}
+    for key, (section, found) in status.items():
+        planned = section == "study" or key == "criteria-by-states"
+        assert found == (PLANNED if planned else EXPLORATORY)
+    page = result.html.read_text(encoding="utf-8")
+    shown = [s for s in status.values() if s[0] != "appendix"]
+    assert page.count('badge badge-planned"') == sum(s == PLANNED for _, s in shown)
+    assert "Whether the plan was written before" in page
+
+
+def test_a_plan_for_what_is_not_there_is_refused_with_what_looks_like_it(small, plan, tmp_path):
+    plan.write_text(PLAN.replace("criteria-by-states", "criteria-by-state"))
+    with pytest.raises(InputError, match=r"plan.toml, planned entry 1, results.*criteria-by-states"):
+        build_report(
+            small, states=(2,), quick=True, out=tmp_path / "out", date=DATE, sections=some("study", "states"),
+            plan=read_analysis_plan(plan),
+        )  # fmt: skip
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("title = ", "not valid TOML"),
+        (PLAN.replace("title", "titel"), "key: found 'titel'"),
+        (PLAN.replace('"A plan"', '" "'), "title"),
+        (PLAN.replace("2026-01-05", '"soon"'), "a day, as 2026-03-01"),
+        (PLAN.replace("2026-01-05", "3"), "date"),
+        (PLAN.replace('["study", "criteria-by-states"]', '"study"'), "a list of keys"),
+        (PLAN.replace('"criteria-by-states"', '"study"'), "every result once"),
+        (PLAN.replace("why", "because"), "key: found 'because'"),
+        (PLAN.split("[[planned]]", maxsplit=1)[0], "at least one"),
+        ("planned = 3\n" + PLAN.split("[[planned]]", maxsplit=1)[0], "at least one"),
+        ("planned = [3]\n" + PLAN.split("[[planned]]", maxsplit=1)[0], "planned entry 1"),
+    ],
+)
+def test_malformed_plans_are_refused(plan, text, message):
+    plan.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_analysis_plan(plan)
+    assert message in str(error.value)
+    assert "plan.toml" in str(error.value)
+
+
+def test_no_such_plan_and_no_text(tmp_path, capsys):
+    assert run("report", "--quick", "--plan", tmp_path / "none.toml", "--out", tmp_path / "o") == 2
+    assert "no such analysis plan" in capsys.readouterr().err
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="not UTF-8"):
+        read_analysis_plan(tmp_path / "bytes.toml")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_analysis_plan(tmp_path)
+
+
+def test_status_is_inherited_from_parts():
+    table = Table("t", pd.DataFrame({"a": [1]}), "c", (Origin.DEFINITION,))
+    section = Section("S", "s", (Text("x"), Part("P", "p", (table,))))
+    (found,) = output_map([section], {"s": "m"}, lambda keys: PLANNED if "p" in keys else EXPLORATORY)
+    assert (found.above, found.status, found.maker, found.name) == (("s", "p"), PLANNED, "m", "Table 1")
+
+
+# -- the paragraph on methods ----------------------------------------------------------------------
+def test_methods_name_sizes_settings_and_the_digest(report, small):
+    text = (report.parts.folder / "methods.txt").read_text()
+    assert "20 simulated people" in text
+    assert small.digest[:16] in text
+    assert "not for citation" in text
+    settings = next(iter(report.study.fits.values())).settings
+    assert f"{settings.restarts} random starts" in text
+
+
+def test_the_command_says_where_parts_are(tmp_path, capsys):
+    log = tmp_path / "events.csv"
+    from tests.analysis.event_text import text
+
+    log.write_text(text())
+    out = tmp_path / "out"
+    words = ("report", "--data", log, "--states", "1", "--quick", "--out", out)
+    content = result_of(capsys, *words)
+    assert content["parts"] == str(out / "parts")
+    (out / "parts" / "index.csv").unlink()
+    assert run(*words) == 2
+    assert "folder of other files" in capsys.readouterr().err

@@ -26,6 +26,7 @@ def build() -> typer.Typer:
 
     from analysis import (
         cli_anova,
+        cli_audit,
         cli_bayes,
         cli_bench,
         cli_calibrate,
@@ -43,17 +44,22 @@ def build() -> typer.Typer:
         cli_replicate,
         cli_report,
         cli_robust,
+        cli_safeguard,
+        cli_sensitivity,
+        cli_session,
         cli_solve,
         cli_solve_draws,
         cli_study2,
     )
 
+    # typer looks annotations up in this module, which must not import it.
+    _next.__annotations__["context"] = typer.Context
     app = typer.Typer(
         name="prosocial",
         help="Learn how a robot's help and signals change people's willingness to help, how sure that knowledge "
         "is, and what the robot should do given the doubt.\n\nExample: prosocial data list",
-        no_args_is_help=True,
-        add_completion=False,
+        invoke_without_command=True,
+        callback=_next,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
@@ -72,6 +78,10 @@ def build() -> typer.Typer:
     app.command("solve")(cli_solve.solve_command)
     app.command("robust")(cli_robust.robust_command)
     app.command("solve-draws")(cli_solve_draws.solve_draws_command)
+    app.command("sensitivity")(cli_sensitivity.sensitivity_command)
+    app.command("safeguard")(cli_safeguard.safeguard_command)
+    app.command("session")(cli_session.session_command)
+    app.add_typer(cli_audit.audit, name="audit")
     app.command("study2")(cli_study2.study2_command)
     cli_data.simulate.command("study2")(cli_study2.simulate_study2_command)
     app.command("play")(cli_play.play_command)
@@ -82,6 +92,13 @@ def build() -> typer.Typer:
     app.command("report")(cli_report.report_command)
     app.command("bench")(cli_bench.bench_command)
     return app
+
+
+def _next(context) -> None:  # type: ignore[no-untyped-def]
+    if context.invoked_subcommand is None:
+        from analysis.next_steps import next_steps
+
+        print(next_steps())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

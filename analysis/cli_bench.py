@@ -11,7 +11,7 @@ from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, Report, 
 
 def bench_command(
     name: Annotated[
-        str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, planning, robust, game, or all.")
+        str, typer.Argument(metavar="[NAME]", help="em, bayes, glmm, planning, robust, game, runtime, or all.")
     ] = "all",
     quick: Annotated[bool, typer.Option("--quick", help="Fewer repeats and smaller sizes.")] = False,
     json: JsonOption = None,
@@ -24,13 +24,13 @@ def bench_command(
     """
     import sys
 
-    from analysis.bench import bayes, em, game, glmm, planning, robust
+    from analysis.bench import bayes, em, game, glmm, planning, robust, runtime
     from analysis.bench.timing import environment
     from models.errors import located
 
     suites = {
         "em": em.run, "bayes": bayes.run, "glmm": glmm.run,
-        "planning": planning.run, "robust": robust.run, "game": game.run,
+        "planning": planning.run, "robust": robust.run, "game": game.run, "runtime": runtime.run,
     }  # fmt: skip
     if name != "all" and name not in suites:
         raise located("bench", name, f"one of {', '.join(suites)}, or all")

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from models.errors import located
 from models.protocol import Protocol
@@ -57,6 +57,35 @@ class Reward:
         with np.errstate(over="ignore", invalid="ignore"):
             if not np.isfinite(self.prosocial()).all():
                 raise located("reward, r", self.r, "a steepness at which exp(r x) is a finite number")
+
+    @classmethod
+    def of_values(cls, values: ArrayLike, costs: Mapping[str, float] | None = None) -> Reward:
+        r"""The reward in which a round in state s is worth :math:`v_s - v_0`, whatever the values are.
+
+        For a study with a measure of its own. The paper's form holds any values, with r = 1 and
+        :math:`x_s = \log(1 + v_s - \min_t v_t)`; these scores mean nothing by themselves.
+
+        Parameters
+        ----------
+        values : float[s]
+            What a round with a person in each state is worth, in the unit of the costs.
+        costs : mapping of str to float, optional
+            As the attribute.
+
+        Raises
+        ------
+        InputError
+            If they are no finite numbers, one a state.
+
+        Examples
+        --------
+        >>> Reward.of_values([12.0, 15.5, 30.0]).prosocial().round(9)
+        array([ 0. ,  3.5, 18. ])
+        """
+        value = np.asarray(values, dtype=np.float64)
+        if value.ndim != 1 or value.size == 0 or not np.all(np.isfinite(value)):
+            raise located("reward, values", value.tolist(), "finite numbers, one a state")
+        return cls(tuple(np.log1p(value - value.min()).tolist()), 1.0, dict(costs or {}))
 
     def prosocial(self) -> NDArray[np.float64]:
         r"""Part that depends on the state: :math:`\exp(r x_s) - \exp(r x_0)`, shape ``[s]``."""

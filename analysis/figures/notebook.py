@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.figures.style import FAINT, style, styled, to_svg
+from analysis.report.letters import slim
 from analysis.report.section import Origin
 
 TRUTH = ("simulated truth", "Numbers chosen by this project: no people, no data.")
@@ -51,5 +52,5 @@ def show(drawn: Axes | Figure, kind: str, caption: str) -> None:
     with style():
         words = f"{label.upper()}. {meaning}"
         figure.supxlabel(words, x=0.01, ha="left", fontsize=7.5, color=FAINT)
-    shown(SVG(to_svg(figure)))
+    shown(SVG(slim(to_svg(figure))))
     shown(Markdown(f"*{label.capitalize()}.* {caption}"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from analysis.figures.style import COLOURS, FAINT, INK, MARKERS, axes, styled
 
@@ -75,7 +76,7 @@ def rates_side_by_side(
     margin = 0.04 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - margin, limits[1] + margin)
     ax.set(xlabel="round k", ylabel=measure, title=title)
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(axis="y")
     if legend:
         ax.legend()

@@ -14,6 +14,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
+from analysis.report.compact import ShortNames, compact
 from analysis.report.context import ReportContext
 from analysis.report.drawings import Drawings
 from analysis.report.letters import Letters
@@ -93,7 +94,7 @@ def render(
         head=head,
         number=numbers(sections),
         status=status or {},
-        panels=partial(panels, letters=letters, drawings=drawings or Drawings()),
+        panels=partial(panels, letters=letters, drawings=drawings or Drawings(), names=ShortNames()),
         letters=letters,
         rows=rows,
         prose=prose,
@@ -119,15 +120,11 @@ def _environment() -> jinja2.Environment:
     )
 
 
-def panels(figure: Figure, letters: Letters, drawings: Drawings) -> list[Panel]:
+def panels(figure: Figure, letters: Letters, drawings: Drawings, names: ShortNames) -> list[Panel]:
     """Drawn panels, letters shared, other ids made unique to the page and the alternative text put in."""
     out = []
-    for i, (drawn, alt) in enumerate(zip(drawings.of(figure), figure.alt, strict=True)):
-        prefix = f"{figure.key}-{i}-"
-        svg = letters.take(drawn.svg)
-        svg = re.sub(r'\bid="', f'id="{prefix}', svg)
-        svg = re.sub(r'xlink:href="#', f'xlink:href="#{prefix}', svg)
-        svg = re.sub(r"url\(#", f"url(#{prefix}", svg)
+    for drawn, alt in zip(drawings.of(figure), figure.alt, strict=True):
+        svg = names.rename(compact(letters.take(drawn.svg)))
         points = re.search(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"', svg)
         assert points is not None
         width = round(float(points[1]) * 96 / 72)

@@ -3,16 +3,20 @@ r"""A mixture of plans as a policy: one plan is drawn before the first event and
 Whoever looks on sees a policy that randomises at each event with the chances of the plans that are still possible
 given what it has done (Kuhn's theorem). That form needs no coin at the start and gives the same distribution of
 histories, and so the same values in every model.
+
+Plans number their actions by the responses alone, so they also say what to do after an action that none of them
+would have taken: somebody else has overruled the policy. That tells nothing of which plan was drawn.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from models.errors import InputError, Phrase, located
+from models.errors import InputError, located
+from models.planning.plan_policy import checked_left, counted_as, lowest_response, not_recorded
 from models.planning.policies import Array, Policy, Vocabulary
 
 if TYPE_CHECKING:
@@ -42,17 +46,26 @@ class MixedPolicy(Policy):
     plans : sequence of Decisions
     share : float64[p]
     name : str
+    left : {"follow", "error"}
+        After an action that no plan that is still possible takes: go on, with the same plans possible, or refuse
+        it.
+    missing : str, optional
+        Response that one not recorded counts as where plans are followed; without it such a step is refused. `of`
+        takes the one of lowest score: help that nobody saw is not counted on.
 
     Raises
     ------
     InputError
-        If plans do not fit the schedule, or shares are no probabilities.
+        If plans do not fit the schedule, shares are no probabilities, or on other words than these.
     """
 
     def __init__(
         self, vocabulary: Vocabulary, modes: tuple[int, ...], outcomes: tuple[int, ...], plans: Sequence[Decisions],
-        share: Any, name: str = "cautious",
+        share: Any, name: str = "cautious", *, left: Literal["follow", "error"] = "follow",
+        missing: str | None = None,
     ) -> None:  # fmt: skip
+        self.left, self.missing = checked_left(name, left, ("follow", "error")), missing
+        self._counts_as = counted_as(name, missing, vocabulary)
         self.vocabulary, self.name, self.modes, self.outcomes = vocabulary, name, modes, outcomes
         self.plans = tuple(tuple(np.asarray(v, dtype=np.int8) for v in plan) for plan in plans)
         self.share = np.asarray(share, dtype=np.float64)
@@ -71,10 +84,14 @@ class MixedPolicy(Policy):
                     raise located(f"policy {name}, plan {p}, event {k}, decisions", found, f"{size} below {top}")
 
     @classmethod
-    def of(cls, schedule: Schedule, plans: Sequence[Decisions], share: Any, name: str = "cautious") -> MixedPolicy:
+    def of(
+        cls, schedule: Schedule, plans: Sequence[Decisions], share: Any, name: str = "cautious", *,
+        left: Literal["follow", "error"] = "follow",
+    ) -> MixedPolicy:  # fmt: skip
         """The policy of plans of a schedule."""
         outcomes = tuple(schedule.n_outcomes(k) for k in range(schedule.n_events))
-        return cls(Vocabulary.of(schedule.protocol), schedule.modes, outcomes, plans, share, name)
+        words, low = Vocabulary.of(schedule.protocol), lowest_response(schedule.protocol)
+        return cls(words, schedule.modes, outcomes, plans, share, name, left=left, missing=low)
 
     @property
     def randomised(self) -> bool:
@@ -109,28 +126,38 @@ class MixedPolicy(Policy):
         return out / out.sum()
 
     def observe(self, memory: MixedMemory, choice: int, observation: int | None, next_mode: int) -> MixedMemory:
-        """One event on. Plans that would have done otherwise are no longer possible.
+        """One event on. Plans that would have done otherwise are out, unless none would have done it.
 
         Raises
         ------
         InputError
-            On an action that no plan would have taken, a response not recorded, or a mode that is not the next.
+            On a mode that is not the next, or a response that cannot be; if the policy does not follow plans that
+            were left, on an action that none of them takes and on a response not recorded.
         """
         self.check_step(memory, choice, observation, next_mode)
         k = memory.event
+        if k >= len(self.modes):
+            raise located(f"policy {self.name}, event", k, f"below {len(self.modes)}: the schedule is over")
         possible = tuple(p for p in memory.possible if self.plans[p][k][memory.responses] == choice)
-        if not possible:
+        if not possible and self.left == "error":
             name = self.vocabulary.actions[memory.mode][choice]
             raise InputError(f"policy {self.name}, event {k}: none of its plans takes {name!r} here")
         shows = self.outcomes[k] > 1
-        if shows and not observation:
-            raise located(
-                f"policy {self.name}, event {k}, response", Phrase("none recorded"), "one of its responses"
+        if observation is not None and shows != (observation > 0):
+            found, none = self.vocabulary.observations[observation], self.vocabulary.observations[0]
+            wanted = (
+                "a response" if shows else f"{none}: mode {self.vocabulary.modes[memory.mode]} shows no response"
             )
+            raise located(f"policy {self.name}, event {k}, observation", found, wanted)
+        if shows and observation is None:
+            counts_as = self._counts_as if self.left == "follow" else None
+            observation = 1 + not_recorded(self.name, k, counts_as)
         if k + 1 < len(self.modes) and next_mode != self.modes[k + 1]:
             raise self._unscheduled(k + 1, next_mode)
         seen = observation - 1 if shows and observation else 0
-        return MixedMemory(k + 1, int(next_mode), memory.responses * self.outcomes[k] + seen, possible)
+        return MixedMemory(
+            k + 1, int(next_mode), memory.responses * self.outcomes[k] + seen, possible or memory.possible
+        )
 
     def _unscheduled(self, event: int, mode: int) -> InputError:
         names = self.vocabulary.modes
@@ -141,5 +168,6 @@ class MixedPolicy(Policy):
         return {
             "kind": "mixed_plan", "name": self.name, "vocabulary": self.vocabulary.to_dict(),
             "modes": list(self.modes), "outcomes": list(self.outcomes), "share": self.share.tolist(),
-            "plans": [[level.tolist() for level in plan] for plan in self.plans],
+            "plans": [[level.tolist() for level in plan] for plan in self.plans], "left": self.left,
+            "missing": self.missing,
         }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,15 @@ from numpy.typing import NDArray
 from models.errors import InputError, Phrase, located
 from models.planning.explanation import Explanation, explain
 from models.planning.policies import Array, Policy, Vocabulary, certain
+from models.protocol import Protocol
 
 if TYPE_CHECKING:
     from models.planning.exact import ExactPlan
     from models.planning.schedule import Event, Schedule
+
+
+Left = Literal["replan", "follow", "error"]
+"""What to do once a history has left the plan."""
 
 
 class PlanMemory(NamedTuple):
@@ -30,9 +35,13 @@ class PlanMemory(NamedTuple):
 class PlanPolicy(Policy):
     """What an exact plan says.
 
-    A history is followed by number while the plan's own actions are taken and responses are recorded. After
-    anything else (an action overruled, a response not recorded) the rest is planned anew, exactly, from that
-    history; that needs the schedule's models.
+    A history is followed by number while the plan's own actions are taken and responses are recorded. Anything else
+    (an action overruled, a response not recorded) leaves the plan; `left` says what is done then:
+
+    - ``replan``: the rest is planned anew, exactly, from that history; that needs the schedule's models;
+    - ``follow``: the plan goes on. Its actions are numbered by the responses alone, so there is one after an action
+      that was overruled too. A response not recorded counts as `missing`;
+    - ``error``: it refuses to act.
 
     Parameters
     ----------
@@ -46,13 +55,25 @@ class PlanPolicy(Policy):
     schedule : Schedule, optional
         For planning anew.
     name : str
+    left : {"replan", "follow", "error"}
+    missing : str, optional
+        Response that one not recorded counts as, where the plan is followed. `of` takes the one of lowest score:
+        help that nobody saw is not counted on.
+
+    Raises
+    ------
+    InputError
+        On decisions that do not fit the schedule, or other words than these.
     """
 
     def __init__(
         self, vocabulary: Vocabulary, modes: tuple[int, ...], decisions: tuple[NDArray[np.int8], ...],
-        outcomes: tuple[int, ...], schedule: Schedule | None = None, name: str = "exact plan",
+        outcomes: tuple[int, ...], schedule: Schedule | None = None, name: str = "exact plan", *,
+        left: Left = "replan", missing: str | None = None,
     ) -> None:  # fmt: skip
         self.vocabulary, self.name = vocabulary, name
+        self.left, self.missing = checked_left(name, left, get_args(Left)), missing
+        self._counts_as = counted_as(name, missing, vocabulary)
         self.modes, self.decisions, self.outcomes, self.schedule = modes, decisions, outcomes, schedule
         sizes = np.concatenate([[1], np.cumprod(outcomes)[:-1]]).tolist()
         for k, (level, size, m) in enumerate(zip(decisions, sizes, modes, strict=True)):
@@ -62,11 +83,12 @@ class PlanPolicy(Policy):
         self._anew: dict[tuple[tuple[int, int | None], ...], int] = {}
 
     @classmethod
-    def of(cls, plan: ExactPlan, name: str = "exact plan") -> PlanPolicy:
+    def of(cls, plan: ExactPlan, name: str = "exact plan", *, left: Left = "replan") -> PlanPolicy:
         """The policy of an exact plan."""
         s = plan.schedule
         outcomes = tuple(s.n_outcomes(k) for k in range(s.n_events))
-        return cls(Vocabulary.of(s.protocol), s.modes, plan.decisions, outcomes, s, name)
+        words, low = Vocabulary.of(s.protocol), lowest_response(s.protocol)
+        return cls(words, s.modes, plan.decisions, outcomes, s, name, left=left, missing=low)
 
     # -- the interface -----------------------------------------------------------------------------
     def begin(self, mode: int) -> PlanMemory:
@@ -86,12 +108,15 @@ class PlanPolicy(Policy):
         Raises
         ------
         InputError
-            When the schedule is over, or the history left a plan whose models are not at hand.
+            When the schedule is over, or the history left a plan whose models are not at hand, or that refuses.
         """
         if memory.event >= len(self.modes):
             raise self._over(memory.event)
         if not memory.left:
             choice = int(self.decisions[memory.event][memory.responses])
+        elif self.left == "error":
+            found = Phrase(f"a history that left the plan before event {memory.event}")
+            raise located(f"policy {self.name}", found, "one that follows it")
         else:
             if memory.history not in self._anew:
                 values = list(self._values(memory).values())
@@ -122,6 +147,11 @@ class PlanPolicy(Policy):
             )  # fmt: skip
         seen = observation - 1 if shows and observation else None
         responses = memory.responses * self.outcomes[memory.event] + (seen or 0)
+        if self.left == "follow":
+            if shows and seen is None:
+                seen = not_recorded(self.name, memory.event, self._counts_as)
+                responses += seen
+            return PlanMemory(k, int(next_mode), responses)
         overruled = not memory.left and int(self.decisions[memory.event][memory.responses]) != choice
         left = memory.left or overruled or (shows and seen is None)
         return PlanMemory(k, int(next_mode), responses, (*memory.history, (int(choice), seen)), left)
@@ -187,7 +217,7 @@ class PlanPolicy(Policy):
 
     def reason(self, memory: PlanMemory) -> str:
         """What it does and why, in one sentence."""
-        if self.schedule is None:
+        if self.schedule is None or self.left == "follow":
             return super().reason(memory)
         return self.why(self._named(memory)).sentence
 
@@ -206,8 +236,55 @@ class PlanPolicy(Policy):
         return {
             "kind": "plan", "name": self.name, "vocabulary": self.vocabulary.to_dict(), "modes": list(self.modes),
             "outcomes": list(self.outcomes), "decisions": [level.tolist() for level in self.decisions],
-            "schedule": _schedule_content(self.schedule),
+            "schedule": _schedule_content(self.schedule), "left": self.left, "missing": self.missing,
         }  # fmt: skip
+
+
+def checked_left(name: str, left: Any, known: tuple[str, ...]) -> Any:
+    """`left`, if it is one of the words that are known.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    if left not in known:
+        raise located(f"policy {name}, left", left, f"{', '.join(known[:-1])} or {known[-1]}")
+    return left
+
+
+def counted_as(name: str, missing: str | None, words: Vocabulary) -> int | None:
+    """Number of the response that one not recorded counts as.
+
+    Raises
+    ------
+    InputError
+        On a name that is no response's.
+    """
+    if missing is None:
+        return None
+    if missing not in words.observations[1:]:
+        raise located(f"policy {name}, missing", missing, f"one of {', '.join(words.observations[1:])}")
+    return words.observations.index(missing) - 1
+
+
+def not_recorded(name: str, event: int, counts_as: int | None) -> int:
+    """What a response not recorded counts as.
+
+    Raises
+    ------
+    InputError
+        If nobody said so.
+    """
+    if counts_as is None:
+        wanted = "one of its responses: nothing says what one not recorded counts as"
+        raise located(f"policy {name}, event {event}, response", Phrase("none recorded"), wanted)
+    return counts_as
+
+
+def lowest_response(protocol: Protocol) -> str:
+    """Name of the response with the lowest score; the first of equals."""
+    return protocol.response_names[int(np.argmin(protocol.scores))]
 
 
 def _schedule_content(schedule: Schedule | None) -> dict[str, Any] | None:

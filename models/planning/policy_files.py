@@ -22,8 +22,10 @@ from models.planning.belief_model import ANY_MODE, BeliefModel, Outcome
 from models.planning.belief_policy import Myopic
 from models.planning.controller import FiniteStateController
 from models.planning.mixed_policy import MixedPolicy
+from models.planning.mixture import read_mixture
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Array, Policy, Vocabulary
+from models.planning.product_files import read_product
 from models.protocol import Protocol
 
 SCHEMA = "prosocial-policy/1"
@@ -162,7 +164,9 @@ def _mixed_plan(place: str, content: Mapping[str, Any], name: str) -> MixedPolic
         if not isinstance(plan, list):
             raise located(f"{place}, plan {p}", plan, "a list of decisions")
     levels = [_decisions(f"{place}, plan {p}", plan, len(modes)) for p, plan in enumerate(plans)]
-    return MixedPolicy(words, modes, outcomes, levels, _real(f"{place}, share", content.get("share"), 1), name)
+    share = _real(f"{place}, share", content.get("share"), 1)
+    left, missing = content.get("left", "follow"), _response(place, content)
+    return MixedPolicy(words, modes, outcomes, levels, share, name, left=left, missing=missing)
 
 
 def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
@@ -181,12 +185,25 @@ def _plan(place: str, content: Mapping[str, Any], name: str) -> PlanPolicy:
         )  # fmt: skip
         if Vocabulary.of(schedule.protocol) != words:
             raise located(f"{place}, schedule, protocol", schedule.protocol.name, "the plan's modes and actions")
-    return PlanPolicy(words, modes, levels, outcomes, schedule, name)
+    left, missing = content.get("left", "replan"), _response(place, content)
+    return PlanPolicy(words, modes, levels, outcomes, schedule, name, left=left, missing=missing)
+
+
+def _response(place: str, content: Mapping[str, Any]) -> str | None:
+    """What a response not recorded counts as; files of before do not say."""
+    return None if content.get("missing") is None else str(_entry(place, content, "missing", str))
+
+
+def _guarded(place: str, content: Mapping[str, Any], name: str) -> Policy:
+    # Safeguards wrap policies of any kind, and so build on this module.
+    from models.safeguards.guard_files import guarded_from_dict
+
+    return guarded_from_dict(place, content, name)
 
 
 KINDS: dict[str, Callable[[str, Mapping[str, Any], str], Policy]] = {
-    "alpha": _alpha, "by_mode": _by_mode, "controller": _controller, "mixed_plan": _mixed_plan, "myopic": _myopic,
-    "plan": _plan, "reciprocal": _reciprocal,
+    "alpha": _alpha, "by_mode": _by_mode, "controller": _controller, "guarded": _guarded, "mixed_plan": _mixed_plan,
+    "mixture": read_mixture, "myopic": _myopic, "plan": _plan, "product": read_product, "reciprocal": _reciprocal,
 }  # fmt: skip
 """How each kind of policy is read; a new kind is a `to_dict` and a line here."""
 

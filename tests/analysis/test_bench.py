@@ -225,7 +225,7 @@ def test_gradients_cost_no_more_in_a_large_study():
 # -- command line ----------------------------------------------------------------------------------
 def test_command_lists_the_suites():
     shown = re.sub(r"\x1b\[[0-9;]*m", "", CliRunner().invoke(build(), ["bench", "--help"]).output)
-    assert "em, bayes, glmm, planning, robust, game, or all" in shown
+    assert "em, bayes, glmm, planning, robust, game, runtime, or all" in shown
 
 
 def test_command_runs_the_suite_and_reports_its_rows(monkeypatch, tmp_path):

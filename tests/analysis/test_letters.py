@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from analysis.figures.style import axes, styled, to_svg
-from analysis.report.letters import Letters, each_with_its_own
+from analysis.report.letters import Letters, each_with_its_own, slim
 from tests.analysis.test_figures import GRAPHS, PLOTS
 
 LINK = "{http://www.w3.org/1999/xlink}href"
@@ -52,6 +52,28 @@ def test_the_same_letters_in_the_same_places(name):
     count = [len(re.findall("<use xlink:", text)) for text in (drawn, slim)]
     spaces = sum(text.count('-3"') for text in re.findall(r"<use xlink[^>]*>", drawn))
     assert count[0] - count[1] == len(before) + spaces
+
+
+@pytest.mark.parametrize("name", [*PLOTS, *GRAPHS])
+def test_a_figure_by_itself_has_the_same_letters(name):
+    drawn = to_svg((PLOTS | GRAPHS)[name]())
+    alone = slim(drawn)
+    before, after = letters_of(drawn), letters_of(alone)
+    assert before
+    assert [(o, around) for o, _, around in before] == [(o, around) for o, _, around in after]
+    assert [s for _, s, _ in after] == pytest.approx([s for _, s, _ in before], abs=0.051)
+    assert len(alone) < 0.85 * len(drawn)
+
+
+def test_figures_on_one_page_never_take_a_letter_for_another():
+    """The first of two elements with the same id counts for both: it has to hold the same outline."""
+    figures = [slim(to_svg(PLOTS[name]())) for name in ("still going", "rate by round")]
+    outlines = [{e.get("id"): e.get("d") for e in ET.fromstring(f).iter() if e.get("id", "").startswith("g")}
+                for f in figures]  # fmt: skip
+    shared_names = outlines[0].keys() & outlines[1].keys()
+    assert len(shared_names) > 10
+    assert all(outlines[0][name] == outlines[1][name] for name in shared_names)
+    assert len(set(outlines[0].values())) == len(outlines[0])
 
 
 def test_an_outline_is_there_once_for_all_figures():

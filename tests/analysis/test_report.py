@@ -27,7 +27,7 @@ DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
     "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
-    "power", "reward", "plan", "robust", "study2", "evidence", "limits", "appendix",
+    "power", "reward", "plan", "robust", "sensitivity", "safeguards", "study2", "evidence", "limits", "appendix",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -151,7 +151,8 @@ def test_printed_numbers_stand_apart(bundled, page):
     columns = [t for s in bundled.sections for t in s.tables if t.printed]
     assert {t.key for t in columns} == {
         "conditions", "criteria", "reward-values", "regression-sources", "anova-printed", "anova-printed-tukey",
-        "power-sizes", "study2-anova", "study2-claims-table", "study2-tukey-team-performance", "study2-tukey-observation", "study2-game-table",
+        "power-sizes", "study2-anova", "study2-claims-table", "study2-tukey-team-performance",
+        "study2-tukey-observation", "study2-game-table", "sensitivity-findings-2", "sensitivity-findings-4",
     }  # fmt: skip
     assert all(Origin.PRINTED in t.origin for t in columns)
 
@@ -221,6 +222,8 @@ def test_reports_of_real_effort_have_every_section_too(tmp_path, monkeypatch):
         "reward",
         "plan",
         "robust",
+        "sensitivity",
+        "safeguards",
         "study2",
         "evidence",
         "regression",

@@ -49,3 +49,18 @@ def test_default_x():
 def test_unusable_numbers_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         Reward(*arguments)
+
+
+@pytest.mark.parametrize("values", [[0.0, 12.0], [30.0, 18.0, 25.0], [-4.0, 1e6], [7.0]])
+def test_any_values_are_a_reward(values):
+    """The table is the values less the first, less the cost of the action."""
+    table = Reward.of_values(values, {"help": 3.0}).table(PUBLISHED)
+    wanted = np.array(values) - values[0]
+    np.testing.assert_allclose(table[0], wanted, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(table[1], wanted - 3.0, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("values", [[], [[1.0, 2.0]], [1.0, np.nan], [np.inf, 0.0]])
+def test_values_that_are_none_are_refused(values):
+    with pytest.raises(InputError, match="reward, values: found"):
+        Reward.of_values(values)

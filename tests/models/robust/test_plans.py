@@ -214,7 +214,7 @@ def test_a_mixture_knows_which_plans_are_still_possible():
         MixedPolicy.of(schedule, [never, always], [0.25, 0.25])
     with pytest.raises(InputError, match="events"):
         MixedPolicy.of(schedule, [never[:1]], [1.0])
-    one = MixedPolicy.of(schedule, [never], [1.0])
+    one = MixedPolicy.of(schedule, [never], [1.0], left="error")
     with pytest.raises(InputError, match="none of its plans"):
         one.observe(one.begin(schedule.modes[0]), 1, 0, schedule.modes[1])
 

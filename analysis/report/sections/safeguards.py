@@ -1,0 +1,170 @@
+"""Section: what safeguards change, what they cost, and who is influenced most."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pandas as pd
+
+from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
+from analysis.figures.style import spoken
+from analysis.policy_study import STUDY2
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.safeguard_study import SafeguardStudy, fallback_actions, safeguard_study
+from analysis.wording import counted
+from models.planning.schedule import Schedule
+from models.safeguards.consent import Consent
+from models.safeguards.influence_report import ALL, LEVEL, NONE
+from models.unseen import evidence_of_actions, unseen_actions, without_actions
+
+DRAWS, QUICK_DRAWS = 400, 100
+"""Draws of the posterior that are followed, evenly spaced."""
+
+
+def make(context: ReportContext) -> tuple[Block, ...]:
+    """One part for each number of states that is shown in full."""
+    if not context.is_published_protocol:
+        raise NotSupported(
+            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `safeguard` "
+            "takes models with a reward of their own"
+        )
+    intro = (
+        "The paper asks of a robot that shapes people: bounded costs, the least influence that is needed, "
+        "consent, transparency and an audit log. Here the first four are put around policies over the "
+        f"{len(STUDY2)} rounds {STUDY2} (H: the human may help) and followed through all histories, in every "
+        "draw of the posterior. Influence is how many times a person ends up in another state than if left "
+        "alone: the total variation between the two, added up over the rounds. What an action is worth goes "
+        "on with the policy that it is taken by, in each draw."
+    )
+    shown = sorted(context.shown_states, reverse=True)
+    parts = []
+    for k in shown:
+        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
+        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
+        blocks = attempt("safeguards", partial(_model, context, k))
+        parts.append(Part(title, f"safeguards-{k}", blocks, folded=k != shown[0]))
+    return (Text(intro), *parts)
+
+
+def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
+    if k == 1:
+        raise NotSupported("with one state nobody is moved anywhere, so there is nothing to guard")
+    posterior = context.posterior(k)
+    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
+    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
+    if null:
+        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which influence is compared")
+    draws = without_actions(posterior.draws(), unseen).thin(QUICK_DRAWS if context.effort.quick else DRAWS)
+    tell, label = context.progress, counted(k, "state")
+    study = safeguard_study(
+        Schedule.of(draws, STUDY2),
+        progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
+    )
+    blocks: list[Block] = []
+    if not posterior.gate.passed:
+        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    if unseen:
+        names = " and ".join(spoken(a) for a in unseen)
+        blocks.append(Text(f"Left out: {names}. The data hold no evidence on what it does to people.", "warning"))
+    blocks.append(Text(_settings(study)))
+    blocks.append(Points(tuple(spoken(s) for s in study.sentences), "What they do"))
+    blocks += [_table(context, study, k), _curve(context, study, k), _stricter(context, study, k)]
+    blocks += [_who(context, study, k), _decisions(study)]
+    return tuple(blocks)
+
+
+def _settings(study: SafeguardStudy) -> str:
+    """Which safeguards are shown, with their settings."""
+    w = study.wanted
+    acts = "; ".join(f"{spoken(m)}: {spoken(a)}" for m, a in fallback_actions(study.guarded.fallback).items())
+    return (
+        f"Shown are a budget of {w.budget:g} reward units a person, which is never exceeded; minimum "
+        f"influence: among the actions worth up to {w.tolerance:g} less than the best, the one that moves "
+        "people least; and confidence: an action other than the null action only if it pays with a "
+        f"probability above {w.confidence:g} given what was seen. Without consent, or after it was withdrawn, "
+        f"the robot goes by the mode alone ({acts}) and deletes what it believed. These settings are examples, "
+        "not findings."
+    )
+
+
+def _table(context: ReportContext, study: SafeguardStudy, k: int) -> Table:
+    headings = {
+        "policy": "policy", "safeguards": "safeguards", "changed": "decisions changed", "value": "value",
+        "lost": "lost", "cost": "expected cost", "most_cost": "largest cost", "help_rate": "help rate",
+        "influence": "times moved", "influence_low": "from", "influence_high": "to",
+    }  # fmt: skip
+    frame = pd.DataFrame(study.report.table[list(headings)])
+    # Each safeguard alone is shown for the best plan; for the others what all of them do together.
+    keep = (frame["policy"] == study.best) | frame["safeguards"].isin([NONE, ALL])
+    frame = frame[keep].reset_index(drop=True)
+    formats = {
+        "changed": ".0%", "value": ",.1f", "lost": ",.1f", "cost": ",.1f", "most_cost": ",.0f", "help_rate": ".3f",
+        "influence": ".2f", "influence_low": ".2f", "influence_high": ".2f",
+    }  # fmt: skip
+    caption = (
+        "What safeguards change, exactly, as a mean over the draws. Lost: value, to the same policy without "
+        "safeguards; negative where they improve it. Largest cost: of all histories. Times moved: how many times a "
+        f"person ends up in another state than if left alone, with the middle {LEVEL:.0%} of the draws."
+    )
+    return Table(
+        f"safeguards-table-{k}", frame, caption, (context.origin,), headings=headings, formats=formats,
+        row_headings=2,
+    )  # fmt: skip
+
+
+def _curve(context: ReportContext, study: SafeguardStudy, k: int) -> Figure:
+    shape = "here they are" if study.budgets.concave else "here they are not"
+    return Figure(
+        f"safeguards-cost-{k}",
+        (partial(value_and_cost, study.frontier, study.budgets, study.report, study.drawn),),
+        "Value and cost. The line is the best that can be had under a limit on the expected cost, drawing "
+        "lots between plans where that helps: concave, from the plan that spends nothing to the best plan "
+        "without a limit. Hollow squares: the best under a budget that no history exceeds; they need not be "
+        f"concave, {shape}. Points: policies, and what safeguards make of them.",
+        (f"{study.frontier.sentence} {study.budgets.sentence}",), (context.origin,),
+    )  # fmt: skip
+
+
+def _stricter(context: ReportContext, study: SafeguardStudy, k: int) -> Figure:
+    steps = [s for s in (study.tolerance, study.threshold) if s is not None]
+    return Figure(
+        f"safeguards-strict-{k}", (partial(stricter, steps),),
+        f"The {study.best} under safeguards that are made stricter: value lost above, influence left below. "
+        "Steps are where a decision changes; between them nothing does. A tolerance holds for each decision, "
+        "so that losses add up over the rounds.",
+        (" ".join(spoken(s.sentence) for s in steps),), (context.origin,),
+    )  # fmt: skip
+
+
+def _who(context: ReportContext, study: SafeguardStudy, k: int) -> Figure:
+    most = study.report.most_influenced(study.best)
+    left = study.report.most_influenced(study.best, ALL)
+    told = (
+        f"{study.best}: most influenced are people who start as {most['who']}, {most['influence']:.2g} times; "
+        f"under all safeguards those who start as {left['who']}, {left['influence']:.2g} times."
+    )
+    return Figure(
+        f"safeguards-who-{k}", (partial(who_is_influenced, study.report, study.drawn, (NONE, ALL)),),
+        "Who is influenced: how many times people are moved, by the state they start in and by their first "
+        f"response; bars span the middle {LEVEL:.0%} of the draws.",
+        (told[0].upper() + told[1:],), (context.origin,),
+    )  # fmt: skip
+
+
+def _decisions(study: SafeguardStudy) -> Points:
+    """What the guarded robot says of itself in the first rounds with a person who helps, and without consent."""
+    robot, s = study.guarded, study.schedule
+    best = 1 + max(range(s.protocol.n_responses), key=lambda o: s.protocol.scores[o])
+    memory = robot.begin(s.modes[0])
+    told = []
+    for i in range(min(4, s.n_events)):
+        told.append(f"Round {i + 1}: {robot.decide(memory).explanation}")
+        if i + 1 < s.n_events:
+            seen = best if s.mode(i).shows_response else 0
+            memory = robot.observe(memory, robot.act(memory), seen, s.modes[i + 1])
+    never = robot.decide(robot.begin(s.modes[0], Consent.NEVER)).explanation
+    return Points(
+        (*map(spoken, told), spoken(f"Without consent: {never}")),
+        "Every decision explains itself: the first rounds with somebody who helps",
+    )

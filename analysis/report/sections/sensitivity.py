@@ -1,0 +1,297 @@
+"""Section: what the robot's decisions depend on, and the paper's findings about that beside what is found here."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pandas as pd
+
+from analysis.figures.sensitivity import action_map, critical_values, share_map
+from analysis.figures.style import spoken
+from analysis.kappa_sensitivity import KAPPAS
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.report.sections.plan import known_truth
+from analysis.sensitivity import READING_WORDS, READINGS, SensitivityEffort, SensitivityStudy, sensitivity_study
+from analysis.sensitivity_variants import CURRENCIES, Beside, game_scores
+from analysis.wording import counted
+from models.errors import located
+from models.model_draws import ModelDraws
+from models.parameters import STICKY
+from models.sensitivity.flips import Flips
+from models.sensitivity.reward_grid import LEANING, SURE
+from models.unseen import evidence_of_actions, unseen_actions, without_actions
+
+EFFORT = SensitivityEffort(
+    endless_draws=25, endless_variants=15, endless_critical=10, endless_certain=6, few_draws=2000, few_critical=400,
+    scan=33, endless_scan=13, moved=False,
+)  # fmt: skip
+QUICK = SensitivityEffort(
+    endless_draws=10, endless_variants=3, endless_critical=3, endless_certain=2, few_draws=400, few_critical=100,
+    scan=17, endless_scan=9, moved=False,
+)  # fmt: skip
+ONLY_MAPS = SensitivityEffort(critical=False, variants=False)
+"""For point estimates and a known truth: the grid and the findings."""
+
+SHORT = {"infinite": "no horizon", "two-step": "two steps", "two-step-terminal": "two steps, then rewarded"}
+"""Readings in the headings of tables."""
+
+
+def make(context: ReportContext) -> tuple[Block, ...]:
+    """The numbers of states beside each other, then one part for each that is shown in full."""
+    if not context.is_published_protocol:
+        raise NotSupported(
+            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `sensitivity` "
+            "takes models with a reward of their own"
+        )
+    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
+    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
+    if null:
+        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
+    blocks: list[Block] = [Text(_introduction(context))]
+    if unseen:
+        names = " and ".join(spoken(a) for a in unseen)
+        blocks.append(
+            Text(
+                f"Left out: {names}. The data hold no evidence on it; decisions would rest on the prior.", "warning"
+            )
+        )
+    blocks += attempt("numbers of states beside each other", partial(_states, context, unseen))
+    shown = sorted(context.shown_states, reverse=True)
+    for k in shown:
+        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
+        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
+        made = attempt("what decisions depend on", partial(_model, context, k, unseen))
+        blocks.append(Part(title, f"sensitivity-{k}", made, folded=k != shown[0]))
+    return tuple(blocks)
+
+
+def _introduction(context: ReportContext) -> str:
+    grid = context.published["sensitivity"]
+    r, costs = (", ".join(f"{v:g}" for v in grid[key]) for key in ("r", "cost_help"))
+    return (
+        f"The paper varies the steepness of the reward and both costs (r in {r}; costs in {costs}) and records two "
+        "decisions from the learned initial belief: whether to help a person in need (step 0), then whether to "
+        "signal in need of help (step 1), at the belief after what was done. It prints neither a discount nor what "
+        "comes after the second step, so three readings are shown: the policy without a horizon (discount 0.95, "
+        "modes in turn), the exact two-step plan, and the same with the prosocial reward of the state after it "
+        "(both undiscounted). Without that reward the second step cannot pay, so a signal is never sent. Without a "
+        "horizon a decision is made only where bounds of what the actions are worth do not overlap; otherwise it "
+        "is undecided."
+    )
+
+
+# -- numbers of states -------------------------------------------------------------------------------
+def _states(context: ReportContext, unseen: tuple[str, ...]) -> tuple[Block, ...]:
+    """Decisions of the point estimates at the paper's reward, with the warning about currencies."""
+    rows = []
+    for k in context.study.states:
+        if k < 2:
+            continue
+        draws = without_actions(ModelDraws.from_models([context.study.fits[k].model]), unseen)
+        effort = SensitivityEffort(critical=False, variants=False)
+        study = sensitivity_study(draws, r=(draws_r(draws),), costs=(15.0,), effort=effort)
+        row: dict[str, object] = {"states": k}
+        for reading, found in study.maps.items():
+            for own in found.rows():
+                row[f"{reading}-{own['k']}"] = spoken(own["action"])
+        rows.append(row)
+    if len(rows) < 2:
+        raise NotSupported("only one number of states was fitted")
+    frame = pd.DataFrame(rows)
+    headings = {"states": "states"} | {
+        f"{r}-{k}": f"step {k}" for r in READINGS for k in range(len(context.protocol.modes))
+    }
+    groups = (("", 1), *((SHORT[r], len(context.protocol.modes)) for r in READINGS))
+    table = Table(
+        "sensitivity-states", frame,
+        "What the point estimates of different numbers of states do at the paper's reward (r 0.06, costs 15). "
+        f"{CURRENCIES}", (context.origin,), headings=headings, groups=groups,
+    )  # fmt: skip
+    return Text(CURRENCIES, "warning"), table
+
+
+def draws_r(draws: ModelDraws) -> float:
+    """Steepness of the draws' own reward."""
+    from models.sensitivity.reward_grid import reward_of
+
+    return reward_of(draws).r
+
+
+# -- one number of states ----------------------------------------------------------------------------
+def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Block, ...]:
+    if k == 1:
+        raise NotSupported("with one state nothing the robot does changes anybody, so it does best to do nothing")
+    posterior, quick = context.posterior(k), context.effort.quick
+    draws = without_actions(posterior.draws(), unseen)
+    kappas = [kappa for kappa in KAPPAS if kappa != STICKY.stay]
+    beside = [
+        Beside(f"kappa {kappa:g}", without_actions(context.posterior(k, kappa).draws(), unseen)) for kappa in kappas
+    ]
+    tell, label = context.progress, counted(k, "state")
+    study = sensitivity_study(
+        draws, beside=beside, scores=game_scores(k), effort=QUICK if quick else EFFORT,
+        progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
+    )  # fmt: skip
+    estimate = sensitivity_study(
+        without_actions(ModelDraws.from_models([context.study.fits[k].model]), unseen), effort=ONLY_MAPS
+    )
+    truth = known_truth(context)
+    in_truth = None if truth is None else sensitivity_study(ModelDraws.from_models([truth]), effort=ONLY_MAPS)
+    blocks: list[Block] = []
+    if not posterior.gate.passed:
+        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    blocks += _maps(context, study, estimate, k)
+    blocks += _findings(context, study, estimate, in_truth, k)
+    blocks += _critical(context, study, k)
+    blocks += _variants(context, study, k)
+    asked = ", ".join(f"{m.n_draws:,} for {READING_WORDS[r]}" for r, m in study.maps.items())
+    blocks.append(Text(f"{'Quick. ' if quick else ''}Draws asked, evenly spaced: {asked}.", "note"))
+    return tuple(blocks)
+
+
+def _maps(context: ReportContext, study: SensitivityStudy, estimate: SensitivityStudy, k: int) -> tuple[Block, ...]:
+    said = spoken(estimate.sentence)
+    readings = tuple(study.maps)
+    # Drawing takes longer than deciding: a quick report draws one reading, and says what all of them come to.
+    shown = readings[:1] if context.effort.quick else readings
+    below = f"From top to bottom: {'; '.join(READING_WORDS[r] for r in shown)}."
+    words = tuple(f"{READING_WORDS[r]}: see the text." for r in shown)
+    published = Figure(
+        f"sensitivity-actions-{k}", tuple(partial(action_map, estimate.maps[r]) for r in shown),
+        "The paper's figure, made from the point estimate as the paper does: what is done at each step (down) and "
+        f"each r (across), over the costs. {below} Letters and hatching say what the colours say.",
+        words, (context.origin,),
+    )  # fmt: skip
+    shares = Figure(
+        f"sensitivity-shares-{k}", tuple(partial(share_map, study.maps[r]) for r in shown),
+        "The same over the draws of the posterior, each deciding for itself at its own belief: share of the draws "
+        f"that act, in percent. Crossed cells are a toss: fewer than {LEANING:.0%} of the draws agree on any "
+        "action. Only cells near 0 and 100 are knowledge.",
+        words, (context.origin,),
+    )  # fmt: skip
+    blocks: list[Block] = [Text(f"Point estimate: {said}"), published, Text(_sureness(study)), shares]
+    if len(shown) < len(readings):
+        rest = " and ".join(READING_WORDS[r] for r in readings[len(shown) :])
+        blocks.append(Text(f"Quick: maps of the other readings ({rest}) are not drawn.", "note"))
+    return tuple(blocks)
+
+
+def _sureness(study: SensitivityStudy) -> str:
+    """How much of each map is knowledge."""
+    parts = []
+    for reading, found in study.maps.items():
+        rows = found.rows()
+        steps = []
+        for k in range(found.n_steps):
+            own = [row["verdict"] for row in rows if row["k"] == k]
+            sure, toss = own.count("sure"), own.count("coin toss") + own.count("undecided")
+            steps.append(f"step {k}: {sure} sure, {toss} a toss")
+        parts.append(f"{READING_WORDS[reading]}, {'; '.join(steps)} of {len(study.grid.cells)}")
+    return (
+        f"How many cells are knowledge (at least {SURE:.0%} of the draws agree) and how many a toss (fewer than "
+        f"{LEANING:.0%}): {'. '.join(p[0].upper() + p[1:] for p in parts)}."
+    )
+
+
+def _findings(
+    context: ReportContext, study: SensitivityStudy, estimate: SensitivityStudy,
+    in_truth: SensitivityStudy | None, k: int,
+) -> tuple[Block, ...]:  # fmt: skip
+    if not study.findings:
+        text = "The paper's findings compare helping with signalling; with one left out they cannot be checked."
+        return (Text(text, "note"),)
+    if len(estimate.findings) != len(study.findings):
+        raise located("findings of the point estimate", len(estimate.findings), str(len(study.findings)))
+    rows = []
+    for i, found in enumerate(study.findings):
+        row = {
+            "printed": found.printed, "reading": SHORT[found.reading], "estimate": estimate.findings[i].verdict,
+            "draws": found.verdict, "share": found.share,
+        }  # fmt: skip
+        if in_truth is not None:
+            row["truth"] = in_truth.findings[i].verdict
+        rows.append(row)
+    frame = pd.DataFrame(rows).sort_values("printed", kind="stable", ignore_index=True)
+    headings = {
+        "printed": "printed in the paper", "reading": "reading", "estimate": "point estimate",
+        "draws": "mean of the draws", "share": "share of draws",
+    }  # fmt: skip
+    origin: tuple[Origin, ...] = (Origin.PRINTED, context.origin)
+    if in_truth is not None:
+        headings["truth"] = "in the truth"
+        origin = (*origin, Origin.DEFINITION)
+    table = Table(
+        f"sensitivity-findings-{k}", frame,
+        "The paper's three findings, and whether they come out here, by reading. Share of draws: in which "
+        "everything that decides a finding holds. How each is decided stands below.",
+        origin, headings=headings, formats={"share": ".2f"}, printed=("printed",), row_headings=2,
+    )  # fmt: skip
+    told = tuple(f"{f.printed} ({SHORT[f.reading]}): {f.sentence}" for f in study.findings)
+    lead = "The numbers that decide, means over the draws; (beside) marks those that do not decide"
+    return table, Points(told, lead)
+
+
+def _critical(context: ReportContext, study: SensitivityStudy, k: int) -> tuple[Block, ...]:
+    wanted = [("r", step) for step in range(len(context.protocol.modes))]
+    wanted += [(f"cost_{axis.name}", axis.mode) for axis in study.grid.axes]
+    panels, alt = [], []
+    for name, step in wanted:
+        found: list[Flips] = [flips[step] for r in study.maps if len(flips := study.flips(r, name)) > step]
+        if found:
+            panels.append(partial(critical_values, found))
+            alt.append(f"Step {step}, {spoken(name)}: {'; '.join(f'{f.reading}, {f.sentence}' for f in found)}.")
+    if not panels:
+        raise NotSupported("no critical values were looked for")
+    spacing = max((f.spacing for f in study.critical if f.parameter == "r"), default=0.0)
+    figure = Figure(
+        f"sensitivity-critical-{k}", tuple(panels),
+        "Where decisions flip as one number moves and everything else stays at the paper's values (r 0.06, costs "
+        "15): share of the draws that have flipped by then, found by bisection in every draw. A curve that ends "
+        "low leaves draws that never flip in the range. Two flips that undo each other between neighbouring points "
+        f"of the first scan (r: {spacing:.2g} apart) would be missed.",
+        tuple(alt), (context.origin,),
+    )  # fmt: skip
+    said = tuple(
+        spoken(f"{SHORT[f.reading]}, {f.sentence}.") for f in study.critical if f.parameter == "r" and len(f.draw)
+    )
+    return figure, Points(said, "At which r decisions flip")
+
+
+def _variants(context: ReportContext, study: SensitivityStudy, k: int) -> tuple[Block, ...]:
+    titles = {
+        "discount": "Other discounts", "x": "Other scores of the states (tokens a round)",
+        "belief": "Other initial beliefs", "beside": "Other priors: kappa, the pseudo-counts on staying",
+    }  # fmt: skip
+    tables: list[Block] = []
+    for kind, title in titles.items():
+        rows = study.variants[kind]
+        if not rows:
+            continue
+        frame = pd.DataFrame(_wide(rows))
+        columns = [c for c in frame.columns if c != "variant"]
+        headings = {"variant": "variant"} | {c: f"step {c.rsplit('-', 1)[1]}" for c in columns}
+        shown = [r for r in study.maps if any(c.startswith(f"{r}-") and c.rsplit("-", 1)[0] == r for c in columns)]
+        per = len(context.protocol.modes)
+        origin = (context.origin, Origin.DEFINITION) if kind == "x" else (context.origin,)
+        tables.append(
+            Table(
+                f"sensitivity-{kind}-{k}", frame,
+                f"{title}, everything else at the paper's values: the action most draws take, with their share.",
+                origin, headings=headings, groups=(("", 1), *((SHORT[r], per) for r in shown)),
+            )
+        )  # fmt: skip
+    return (Part("Discount, scores, belief, prior", f"sensitivity-variants-{k}", tuple(tables), True),)
+
+
+def _wide(rows: tuple[dict[str, object], ...]) -> list[dict[str, object]]:
+    """One row a variant; every reading and step a column, empty where a reading was not asked."""
+    out: dict[str, dict[str, object]] = {}
+    columns = list(dict.fromkeys(f"{row['reading']}-{row['k']}" for row in rows))
+    for row in rows:
+        name = str(row["variant"])
+        own = out.setdefault(name, {"variant": name, **dict.fromkeys(columns, "")})
+        share = row["share"]
+        assert isinstance(share, float)
+        own[f"{row['reading']}-{row['k']}"] = f"{spoken(str(row['action']))} {share:.0%}"
+    return list(out.values())

@@ -1,0 +1,1 @@
+"""Safeguards around any policy: bounded cost, least influence, confidence, consent, reasons, an audit log."""

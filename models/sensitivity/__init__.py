@@ -1,0 +1,1 @@
+"""What decisions depend on: steepness and costs of the reward, discount, belief, tables."""

@@ -7,7 +7,8 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-from models.errors import InputError, Phrase, located
+from models.errors import Phrase, located
+from models.file_lock import hold
 
 LOCK_FILE = ".lock"
 
@@ -62,19 +63,10 @@ class LogLock:
         self._file.close()
 
     def _hold(self) -> None:
-        try:
-            import fcntl
-        except ImportError:  # no such locks on this system: there, one server a log is up to whoever starts it
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            current = os.path.samestat(os.fstat(self._file.fileno()), self._path.stat())
-        except OSError:
-            current = False
-        if not current:
-            raise InputError(
-                f"{self.folder}: another server is writing there; wanted a log of its own for each"
-            ) from None
+        hold(
+            self._file, self._path,
+            f"{self.folder}: another server is writing there; wanted a log of its own for each",
+        )  # fmt: skip
 
 
 def folder_of(out: str | Path) -> Path:

@@ -160,7 +160,20 @@ def execute(notebook: NotebookNode, name: str, root: Path = ROOT) -> NotebookNod
             if output.output_type == "stream" and output.name == "stderr":
                 place = _place(notebook, cell, name)
                 raise NotebookError(f"{place}: wrote to stderr, where warnings go: {output.text.strip()}")
+        if cell.cell_type == "code":
+            cell.outputs = _joined(cell.outputs)
     return notebook
+
+
+def _joined(outputs: Sequence[NotebookNode]) -> list[NotebookNode]:
+    """Prints that follow each other as one: into how many pieces they fall depends on how busy the machine is."""
+    out: list[NotebookNode] = []
+    for output in outputs:
+        if out and output.output_type == out[-1].output_type == "stream" and output.name == out[-1].name:
+            out[-1].text += output.text
+        else:
+            out.append(output)
+    return out
 
 
 async def _execute(client: NotebookClient, manager: AsyncKernelManager, environment: Mapping[str, str]) -> None:

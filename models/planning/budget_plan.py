@@ -169,7 +169,7 @@ class BudgetValues:
         return _plan(self.tree, self.charges, float(budget), self._level(budget))
 
     def _level(self, budget: float) -> int:
-        return self.tree.level(in_units(self.charges, budget).budget)
+        return self.tree.level(self.tree.units.within(budget))
 
     def rows(self) -> list[dict[str, Any]]:
         """One row a budget.

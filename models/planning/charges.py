@@ -114,6 +114,19 @@ class Units(NamedTuple):
         """So many units as a number."""
         return float(units * self.size)
 
+    def within(self, budget: float) -> int:
+        """Whole units within a budget, at most `MOST_UNITS`: that many pay for everything.
+
+        Raises
+        ------
+        InputError
+            On a budget that is negative or no number.
+        """
+        _check_budget(budget)
+        if np.isinf(budget):
+            return MOST_UNITS
+        return min(MOST_UNITS, int(Fraction(repr(float(budget))) / self.size))
+
 
 def in_units(charges: Sequence[float] | Array, budget: float = 0.0) -> Units:
     """Count charges and a budget in the largest unit of which all charges are multiples.
@@ -126,8 +139,7 @@ def in_units(charges: Sequence[float] | Array, budget: float = 0.0) -> Units:
     InputError
         On a budget that is negative or no number, or charges of sizes too different for a common unit.
     """
-    if isinstance(budget, bool | str) or not isinstance(budget, int | float | np.number) or not budget >= 0:
-        raise located("budget", budget, "a number from 0 on")
+    _check_budget(budget)
     exact = [Fraction(repr(float(c))) for c in charges]
     scale = lcm(*(f.denominator for f in exact))
     whole = [int(f * scale) for f in exact]
@@ -143,9 +155,13 @@ def in_units(charges: Sequence[float] | Array, budget: float = 0.0) -> Units:
                 "charges", found, f"positive ones within a factor of {FINEST // ROUGHEST:,} of each other"
             )
         units = [ceil(f / size) for f in exact]
-    # A budget that pays for everything pays for everything, however many units it is.
-    most = MOST_UNITS if limit is None else min(MOST_UNITS, int(limit / size))
-    return Units(np.array(units, dtype=np.int64), most, size)
+    found = Units(np.array(units, dtype=np.int64), 0, size)
+    return found._replace(budget=found.within(budget))
+
+
+def _check_budget(budget: float) -> None:
+    if isinstance(budget, bool | str) or not isinstance(budget, int | float | np.number) or not budget >= 0:
+        raise located("budget", budget, "a number from 0 on")
 
 
 def _number(place: str, value: object) -> float:

@@ -194,3 +194,11 @@ def test_costs_below_zero_are_no_charges():
 def test_named_histories_are_the_schedule_s():
     schedule = Schedule.of(person(), "HR")
     assert named(schedule, [(1, 0)]) == [("signal", "no_help")]
+
+
+def test_a_budget_is_counted_in_the_units_of_the_table():
+    schedule = Schedule.of(person(), "RHRH")
+    charges = [0.0, 1 / 3, 0.0, 0.1]
+    values = budget_values(schedule, charges)
+    for budget in (0.0, 0.5, 0.7666666666666666, 2.605785027996414, 1e9):
+        assert values.value_at(budget) == pytest.approx(solve_with_budget(schedule, budget, charges).value)

@@ -5,7 +5,7 @@
 #   make env PYTHON=/path/to/python     names the Python to use, should none be found
 
 .DEFAULT_GOAL := help
-.PHONY: help env report evidence notebooks notebooks-fast test test-all lint format warm bench lock clean distclean
+.PHONY: help env report docs evidence notebooks notebooks-fast test test-all lint format warm bench lock clean distclean
 
 BIN := .venv/bin
 OUT := reports/build
@@ -19,6 +19,10 @@ env: ## Make or repair .venv exactly as requirements.lock says
 
 report: env ## The whole report on the bundled data, into reports/build (OUT=folder)
 	$(BIN)/prosocial report --out $(OUT) $(ARGS)
+
+docs: env ## The documentation site, into reports/build/site
+	$(BIN)/python reports/docs/commands.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet -f reports/docs/mkdocs.yml
 
 # Each command replaces its file when it is done, so that an interruption leaves the last evidence in place.
 evidence: env ## Make anew the stored evidence, calibration and recovery (an hour on two cores)

@@ -111,6 +111,13 @@ def test_a_run_is_stored_and_a_second_one_changes_nothing(tmp_path):
     assert path.with_suffix(".ipynb").read_bytes() == first
 
 
+def test_prints_are_one_output_up_to_what_is_displayed_between_them(tmp_path):
+    slow = "import time\nfor i in range(3):\n    print(i, flush=True)\n    time.sleep(0.4)"
+    path = script_with(tmp_path, f"{slow}\ndisplay('between')\nprint('after')")
+    notebooks.run(path, root=tmp_path)
+    assert printed(path) == ["0\n1\n2\n", "after\n"]
+
+
 def test_a_fast_run_overrides_parameters_and_stores_nothing(tmp_path):
     path = script_with(tmp_path, "assert FAST is True\nassert SEED == 1")
     notebooks.run(path, fast=True, root=tmp_path)

@@ -22,7 +22,8 @@ COMMANDS = [
 ]
 NEEDS_MORE = (
     "report", "bench", "import", "em ", "bayes", "compare", "calibrate", "recover", "anova", "mixed-model",
-    "contraction", "glmm", "plan", "robust", "solve-draws", "coverage", "replicate", "play", "study2",
+    "contraction", "glmm", "plan", "robust", "solve-draws", "coverage", "replicate", "play", "study2", "safeguard",
+    "session", "audit", "sensitivity",
 )  # fmt: skip
 """Commands with tests of their own, or that want a file of the reader's."""
 
@@ -58,7 +59,7 @@ def run_outside(folder: Path, *words: str) -> tuple[int, str, str]:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_exist_and_explain_themselves(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = command.split()[1:]
-    depth = 2 if words[0] in ("data", "simulate", "fits", "power", "replicate") else 1
+    depth = 2 if words[0] in ("data", "simulate", "fits", "power", "replicate", "audit") else 1
     status, out, err = run(capsys, *words[:depth], "--help")
     assert status == 0, err
     assert "Example: prosocial" in out

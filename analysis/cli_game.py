@@ -37,7 +37,7 @@ def replicate_game_command(
 
     from analysis import progress
     from analysis.evidence import record
-    from analysis.game_calibration import calibrate_game, in_words
+    from analysis.game_calibration import MARGIN, calibrate_game, in_words
     from analysis.game_settings import compare_settings, compared_sentence, narrow, settings_tried
     from analysis.game_study import learn_from_both
     from analysis.study2_evidence import game_settings
@@ -79,7 +79,8 @@ def replicate_game_command(
     if tried:
         report.say(
             f"\nSettings tried, simulated, {tried} studies each (round, step, help, signal in seconds; lapses in "
-            f"% of steps; x by state; rms: distance from the printed x):\n{_shown(narrow(searched), 1)}"
+            f"% of steps; x by state; brackets: beyond lowest and highest printed x by {MARGIN:g} standard errors; "
+            f"rms: distance from the printed x):\n{_shown(narrow(searched), 1)}"
         )
     report.say(f"\nHelp rates, true and as learned:\n{_shown(learned.rates, 3)}")
     report.say("\n" + "\n".join(told) + f" Seed {seed}.")

@@ -12,7 +12,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,18 +49,34 @@ class Report:
 
     json_path: str | None
     quiet: bool
+    _closed: list[BrokenPipeError] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.json_path not in (None, "-"):
             check_output("--json", str(self.json_path))
 
     def say(self, text: str) -> None:
-        """Print for people: to standard error where standard output belongs to the JSON."""
-        if not self.quiet:
+        """Print for people: to standard error where standard output belongs to the JSON.
+
+        Where nobody reads any longer (``| head``) and a JSON file is wanted, `finish` writes it first.
+        """
+        if self.quiet or self._closed:
+            return
+        try:
             print(text, file=sys.stderr if self.json_path == "-" else sys.stdout)
+        except BrokenPipeError as error:
+            if self.json_path in (None, "-"):
+                raise
+            self._closed.append(error)
 
     def finish(self, result: Mapping[str, Any]) -> None:
-        """Write the JSON (beside, then renamed)."""
+        """Write the JSON (beside, then renamed).
+
+        Raises
+        ------
+        BrokenPipeError
+            Afterwards, if `say` found standard output closed.
+        """
         if self.json_path is None:
             return
         text = json.dumps(plain(result), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -73,6 +89,8 @@ class Report:
             write_output("--json", self.json_path, text.encode())
             if made:
                 self.say(f"Made the folder {folder} for {self.json_path}.")
+        if self._closed:
+            raise self._closed[0]
 
 
 def plain(value: Any) -> Any:

@@ -35,7 +35,8 @@ def play_command(
         typer.Option(
             "--policy", metavar="FILE|NAME",
             help="What drives the robot: ls-POMDP (the default), exact plan, always, never, myopic, reactive, "
-            "random, or a policy file. Given several times, people are assigned at random in equal groups.",
+            "random, or a policy file (Bayes-adaptive and cautious plans rest on a posterior: prosocial robust "
+            "FIT --policy FILE writes them). Given several times, people are assigned at random in equal groups.",
         ),
     ] = None,
     learned: Annotated[
@@ -74,7 +75,8 @@ def play_command(
 ) -> None:  # fmt: skip
     """Let people play the token game in a browser; every finished round is written to the log at once.
 
-    Ctrl-C ends it. Started again with the same options it goes on where people left.
+    Ctrl-C ends it. Started again with the same options it goes on where people left. Once somebody has agreed, the
+    consent text, the withdrawal rule and what drives the robot of a condition stay as they are.
 
     Example: prosocial play --policy ls-POMDP --policy never --out study.csv
     """
@@ -97,7 +99,7 @@ def play_command(
         from analysis.play.run import address_of, check_installed, is_loopback, reserve, serve, warm_up
 
         check_installed()
-        from analysis.play.robot_mind import policy_by_name
+        from analysis.play.robot_mind import policy_by_name, source_of
         from analysis.play.settings import PlaySettings
         from analysis.play.study import Study
         from analysis.simulate import CALIBRATED_TRUTH
@@ -109,15 +111,17 @@ def play_command(
         raise
     try:
         model = read_model(CALIBRATED_TRUTH if learned is None else learned)
-        policies = []
+        policies, robots = [], {}
         for given in policy or ["ls-POMDP"]:
             chosen, notes = policy_by_name(given, model, schedule)
             policies.append(chosen)
+            robots[chosen.name] = source_of(given, model, learned or CALIBRATED_TRUTH.name)
             for note in notes:
                 report.say(f"note: {note}")
         settings = PlaySettings(
             tuple(policies), schedule, study=study, seed=seed, first_participant=participant, consent=text,
             withdrawal=withdrawal, layout=_map(layout), parameters=_parameters(parameters), countdown=countdown,
+            robots=robots,
         )  # fmt: skip
         warm_up(settings)
         running = Study(settings, out, lock)
@@ -156,14 +160,15 @@ def play_command(
         f"{counted(ended['rounds'], 'round')} of {counted(ended['people'], 'person', 'people')}, "
         f"{ended['finished']} finished, {ended['withdrawn']} withdrew"
     )
-    if ended["untrapped"] or ended["too_late"]:
-        report.say(
-            f"note: nobody got trapped in {counted(ended['untrapped'], 'round')}, and in "
-            f"{ended['too_late']} there was no time left to help; the log says what people saw (data/README.md)"
-        )
+    odd = [f"nobody got trapped in {counted(ended['untrapped'], 'round')}"] if ended["untrapped"] else []
+    if ended["too_late"]:
+        odd.append(f"in {counted(ended['too_late'], 'round')} there was no time left to help")
+    if odd:
+        report.say(f"note: {', and '.join(odd)}; the log says what people saw (data/README.md)")
     report.finish(
         {**ended, "played": running.played, "address": address, "site": site, "study": study, "schedule": schedule,
          "policies": settings.policy_names, "learned": learned or "calibrated_truth", "withdrawal": withdrawal,
+         "robots": {name: {"name": r.name, "sha256": r.sha256} for name, r in robots.items()},
          "map": settings.layout.name, "parameters": settings.parameters.to_dict(), "seed": seed}
     )  # fmt: skip
 
@@ -173,7 +178,11 @@ def _map(given: str | None) -> Layout:
 
     if given is None:
         return packaged()
-    return packaged(given) if given in packaged_names() else Layout.from_file(given)
+    if given in packaged_names():
+        return packaged(given)
+    if not Path(given).exists():
+        raise located("--map", given, f"a file with a map, or one of {', '.join(packaged_names())}")
+    return Layout.from_file(given)
 
 
 def _parameters(path: str | None) -> GameParameters:

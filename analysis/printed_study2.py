@@ -68,6 +68,27 @@ def comparisons_beside(analysis: Study2Analysis, published: Mapping[str, Any]) -
     return pd.DataFrame(rows)
 
 
+def in_words(table: pd.DataFrame, digits: int = 3) -> pd.DataFrame:
+    """A table with its chances in words: below .001 is said as papers do, and what is not printed is empty.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `anova_beside`, `comparisons_beside`, or a `analysis.study2_beliefs.BeliefSpread`.
+    digits : int
+        Of all numbers.
+    """
+    chances = [
+        name for name in table if name.endswith("_p") or name.startswith("p ") or name == "simulated_dunnett"
+    ]
+    out = table.round(digits)
+    for name in chances:
+        out[name] = [
+            "" if np.isnan(p) else "< .001" if p < 0.001 else f"{p:.{digits}f}" for p in table[name].astype(float)
+        ]
+    return out
+
+
 def implied_errors(published: Mapping[str, Any]) -> pd.DataFrame:
     """Standard errors that the printed differences imply, were Tukey's test fed one value a person.
 

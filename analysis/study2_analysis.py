@@ -18,7 +18,7 @@ from analysis.anova import MixedAnova, mixed_anova
 from analysis.anova_logistic import LogisticTwin, logistic_twin
 from analysis.posthoc import Comparisons, dunnett, tukey
 from analysis.study2 import Study2
-from analysis.study2_outcomes import OBSERVED, OUTCOMES, first_and_last, person_values
+from analysis.study2_outcomes import BELIEF, OBSERVED, OUTCOMES, first_and_last, person_values
 from analysis.study2_policies import LS_POMDP
 from models.errors import InputError, located
 from models.glmm import LogisticMixedModel
@@ -64,6 +64,8 @@ class Study2Analysis:
             text = result.sentence
             if key in self.dunnett:
                 text += f" {self.dunnett[key].sentence}"
+            if key == BELIEF:
+                text += " (On the robot's own scale: other fits give other numbers.)"
             out.append(text)
         return (*out, *(f"{what}: not possible here, {why}." for what, why in self.left_out.items()))
 

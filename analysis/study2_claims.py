@@ -149,6 +149,8 @@ class Claim:
         Whether it is the whole sentence; the others are parts.
     printed : str
         Whether the paper's own study leads to it: "yes", or what there is to say.
+    own_scale : bool
+        Whether it is about the states of the robot's model, so that the robot's fit decides it and not people.
     """
 
     key: str
@@ -158,6 +160,7 @@ class Claim:
     holds: Callable[[Facts], bool]
     whole: bool = False
     printed: str = "yes"
+    own_scale: bool = False
 
 
 # -- the conclusions -------------------------------------------------------------------------------
@@ -233,8 +236,10 @@ NAMES = {TEAM: "team performance", OBSERVED: "observed help", CUMULATIVE: "cumul
 
 CLAIMS: tuple[Claim, ...] = (
     Claim("team", "team performance", "team performance: planner above never, reactive and myopic (each p < .01), "
-          "no significant difference from always", 2, _all(*_TEAM, team_like_always), whole=True),
-    *(Claim(f"team-{p}", f"above {p}, p < .01", f"team performance: planner above {p}, p < .01", 2, part)
+          "no significant difference from always", 2, _all(*_TEAM, team_like_always), whole=True,
+          printed="in the text; reactive .01 in the table"),
+    *(Claim(f"team-{p}", f"above {p}, p < .01", f"team performance: planner above {p}, p < .01", 2, part,
+            printed="in the text; .01 in the table" if p == REACTIVE else "yes")
       for p, part in zip((NEVER, REACTIVE, MYOPIC), _TEAM, strict=True)),
     Claim("team-always", "like always", "team performance: no significant difference from always", 2,
           team_like_always, printed="difference .027"),
@@ -249,7 +254,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("costly", "fewer costly actions", "planner takes fewer costly actions than always", 4, fewer_costly,
           whole=True),
     Claim("belief", "belief rises faster", "belief is at higher states than under always, on the mean of the "
-          "rounds", 5, belief_faster, whole=True),
+          "rounds and the robot's own scale", 5, belief_faster, whole=True, own_scale=True),
     Claim("main-effects", "main effects", "policy and time have main effects on all three outcomes, p < .05", 6,
           main_effects, whole=True),
     Claim("main-effects-text", "all with p < .02", "policy and time have main effects on all three outcomes, "

@@ -8,19 +8,25 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.power_curves import wilson_interval
 from analysis.replicates import Progress
-from analysis.study2_claims import CLAIMS
+from analysis.study2_claims import CLAIMS, Claim
 from analysis.study2_learning import EM, TRUTH
-from analysis.study2_policies import EXACT, LS_POMDP
+from analysis.study2_policies import EXACT, FROM_DRAWS, LS_POMDP
 from analysis.study2_replicates import KINDS, Study2Replicates, WorldResult, quantities, replicate_study2
 
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+ALL_PRINTED = "but for what is said of each"
+"""Whether the paper's own study leads to all of its conclusions."""
+
+NOT_DECIDABLE = " (not decidable)"
 
 WORDS = {EM: "learned from a study 1", TRUTH: "truth known"}
 
@@ -57,7 +63,7 @@ class Study2Evidence:
                 holds = self.holds(kind, planner)
                 whole = holds[:, :, [c.whole for c in CLAIMS]].all(axis=2)
                 columns = [(c.key, c.name, c.text, c.printed, c.whole) for c in CLAIMS]
-                columns.append(("all", "all of them", "all conclusions together", "yes", True))
+                columns.append(("all", "all of them", "all conclusions together", ALL_PRINTED, True))
                 for (key, name, text, printed, is_whole), own in zip(
                     columns, [*np.moveaxis(holds, 2, 0), whole], strict=True
                 ):
@@ -112,39 +118,11 @@ class Study2Evidence:
     @property
     def sentence(self) -> str:
         """What the conclusions came to, for the paper's own policy."""
-        parts = []
-        whole = [c.whole for c in CLAIMS]
-        for kind, settings in self.settings.items():
-            how = (
-                f"the robot had learned from one of {settings.worlds:,} simulated studies 1"
-                if kind == EM
-                else "the robot knew the truth"
-            )
-            told = "; ".join(f"{c.name} {_percent(self.share(kind, LS_POMDP, c.key))}" for c in CLAIMS if c.whole)
-            together = float(self.holds(kind, LS_POMDP)[:, :, whole].all(axis=2).mean())
-            parts.append(
-                f"Of {settings.replicates:,} simulated studies 2 in which {how}, so many lead to the paper's "
-                f"conclusions about {LS_POMDP}: {told}; all of them {_percent(together)}."
-            )
-        return " ".join([*parts, *self._contradicted()])
-
-    def _contradicted(self) -> list[str]:
-        """What the truth itself says otherwise than the paper, with a robot that knows it."""
-        if TRUTH not in self.settings:
-            return []
-        best = EXACT if EXACT in self.settings[TRUTH].policies else LS_POMDP
-        rate, always = (self.mean(TRUTH, p, "observation") for p in (best, "always"))
-        costly, own = (self.mean(TRUTH, p, "costly_actions") for p in ("myopic", LS_POMDP))
-        less = "less" if rate < always else "more"
-        myopic = "myopic takes no costly action, so it is never" if costly == 0 else f"myopic takes {costly:.1f}"
-        return [
-            f"With the truth known, people help {less} under the best plan ({rate:.1%}) than under always "
-            f"({always:.1%}), {LS_POMDP} takes {own:.1f} costly actions, and {myopic}."
-        ]
+        return str(self.to_dict()["sentence"])
 
     def to_dict(self) -> dict[str, Any]:
         """The result as a file holds it."""
-        return {
+        content: dict[str, Any] = {
             "settings": {
                 kind: {
                     "replicates": s.replicates, "worlds": s.worlds, "people": s.people, "study1": s.study1,
@@ -167,8 +145,8 @@ class Study2Evidence:
             "worlds_with_notes": {
                 kind: sum(bool(w.notes) for w in found) for kind, found in self.worlds.items()
             },
-            "sentence": self.sentence,
         }  # fmt: skip
+        return {**content, "sentence": sentence_of(content)}
 
 
 def study2_evidence(
@@ -190,6 +168,113 @@ def study2_evidence(
     own = {kind: replace(settings, kind=kind) for kind in KINDS}
     worlds = {kind: replicate_study2(s, executor=executor, progress=progress) for kind, s in own.items()}
     return Study2Evidence(own, worlds, quantities(published))
+
+
+def sentence_of(content: Mapping[str, Any]) -> str:
+    """What the conclusions came to, from the content of a file: shares for the paper's own policy, and cautions.
+
+    Parameters
+    ----------
+    content : mapping
+        Of `Study2Evidence.to_dict`, or read from a file.
+    """
+    share = {(r["learning"], r["planner"], r["claim"]): float(r["share"]) for r in content["claims"]}
+    parts = []
+    for kind, settings in content["settings"].items():
+        how = (
+            f"the robot had learned from one of {settings['worlds']:,} simulated studies 1"
+            if kind == EM
+            else "the robot knew the truth"
+        )
+        told = "; ".join(
+            f"{c.name}{f' {_percent(share[kind, LS_POMDP, c.key])}' if decidable(kind, c) else NOT_DECIDABLE}"
+            for c in CLAIMS
+            if c.whole
+        )
+        parts.append(
+            f"Of {settings['replicates']:,} simulated studies 2 in which {how}, so many lead to the paper's "
+            f"conclusions about {LS_POMDP}: {told}; all of them {_percent(share[kind, LS_POMDP, 'all'])}."
+        )
+    return " ".join([*parts, *_scale_of(content), *_noted(content), *_contradicted(content)])
+
+
+def _scale_of(content: Mapping[str, Any]) -> list[str]:
+    """Why conclusions on the robot's own scale are not decidable: how far apart worlds are."""
+    out = []
+    for kind in content["settings"]:
+        for claim in (c for c in CLAIMS if c.whole and not decidable(kind, c)):
+            place = content["claim_keys"].index(claim.key)
+            shares = np.array([world[place] for world in content["by_world"][kind][LS_POMDP]])
+            out.append(
+                f"Whether {claim.name} is not decidable with a robot that has learned: belief is on the scale of "
+                f"its fit, and of {len(shares)} such robots {int((shares == 0).sum())} lead to it in no study and "
+                f"{int((shares == 1).sum())} in every one."
+            )
+    return out
+
+
+def _noted(content: Mapping[str, Any]) -> list[str]:
+    """In how many worlds something that was learned is not to be relied on."""
+    out = []
+    for kind, many in content["worlds_with_notes"].items():
+        if many:
+            out.append(
+                f"In {many} of {content['settings'][kind]['worlds']} worlds something that was learned carries a "
+                "warning: a search or a solver that stopped early, or a posterior that did not pass its "
+                f"convergence gate. Only {' and '.join(FROM_DRAWS)} rest on posteriors; what is said of them holds "
+                "with that reservation."
+            )
+    return out
+
+
+def _contradicted(content: Mapping[str, Any]) -> list[str]:
+    """What the truth itself says otherwise than the paper, with a robot that knows it."""
+    if TRUTH not in content["settings"]:
+        return []
+    mean = {(r["policy"], r["measure"]): float(r["mean"]) for r in content["means"] if r["learning"] == TRUTH}
+    best = EXACT if EXACT in content["settings"][TRUTH]["policies"] else LS_POMDP
+    rate, always = (mean[p, "observation"] for p in (best, "always"))
+    costly, own = (mean[p, "costly_actions"] for p in ("myopic", LS_POMDP))
+    less = "less" if rate < always else "more"
+    myopic = "myopic takes no costly action, so it is never" if costly == 0 else f"myopic takes {costly:.1f}"
+    return [
+        f"With the truth known, people help {less} under the best plan ({rate:.1%}) than under always "
+        f"({always:.1%}), {LS_POMDP} takes {own:.1f} costly actions, and {myopic}."
+    ]
+
+
+def decidable(kind: str, claim: Claim) -> bool:
+    """Whether studies in which the robot learned like this can decide a conclusion.
+
+    Examples
+    --------
+    >>> [(c.key, decidable("em", c)) for c in CLAIMS if c.own_scale]
+    [('belief', False)]
+    """
+    return kind == TRUTH or not claim.own_scale
+
+
+def shown_claims(content: Mapping[str, Any]) -> pd.DataFrame:
+    """Rows of `Study2Evidence.claim_rows` as they are shown: what is not decidable says so and has no share."""
+    rows = pd.DataFrame(content["claims"])
+    by_key = {c.key: c for c in CLAIMS}
+    off = np.array(
+        [
+            key in by_key and not decidable(kind, by_key[key])
+            for kind, key in zip(rows["learning"], rows["claim"], strict=True)
+        ]
+    )
+    rows.loc[off, ["share", "se", "low", "high"]] = np.nan
+    rows.loc[off, "name"] = rows.loc[off, "name"] + NOT_DECIDABLE
+    return rows
+
+
+def reworded(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of a file with names, texts, remarks and sentence as they are now; no number is touched."""
+    words = {c.key: {"name": c.name, "text": c.text, "printed": c.printed} for c in CLAIMS}
+    words["all"] = {"printed": ALL_PRINTED}
+    rows = [{**row, **words[row["claim"]]} for row in content["claims"]]
+    return {**content, "claims": rows, "sentence": sentence_of(content)}
 
 
 def game_settings() -> dict[str, Any]:

@@ -7,10 +7,12 @@ stays as it was but for the time that passes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from analysis.policy_study import STUDY2
+from models.baum_welch_fit import BaumWelchFit
 from models.errors import Phrase, located
+from models.events import EventLog
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.alpha_policy import AlphaPolicy
@@ -18,7 +20,7 @@ from models.planning.baselines import Reciprocal, always, myopic, never
 from models.planning.belief_model import BeliefModel
 from models.planning.exact import solve_schedule
 from models.planning.latent import DISCOUNT, latent_problem
-from models.planning.mode_process import alternating
+from models.planning.mode_process import alternating, schedule_modes
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Policy
 from models.planning.schedule import Schedule
@@ -58,12 +60,18 @@ class Learned:
         Where both come from.
     notes : tuple of str
         What must be known before they are relied on.
+    found : BaumWelchFit or None
+        The search that the point estimate came from, where there was one.
+    log : EventLog or None
+        What was learned from.
     """
 
     model: LatentStatePOMDP
     draws: ModelDraws | None
     words: str
     notes: tuple[str, ...] = ()
+    found: BaumWelchFit | None = field(default=None, repr=False)
+    log: EventLog | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -113,16 +121,18 @@ def make_policies(
     return PolicySet(tuple(policies), tuple(notes))
 
 
-def check_names(names: Sequence[str]) -> None:
-    """Refuse names that are none, or stand twice, and fewer than two policies.
+def check_names(names: Sequence[str], fewest: int = 1) -> None:
+    """Refuse names that are none, or stand twice, and fewer policies than are wanted.
 
     Raises
     ------
     InputError
         Naming the policy.
     """
-    if len(names) < 2:
-        raise located("policies", Phrase(", ".join(names) or "none"), f"at least two of {', '.join(PAPER + MORE)}")
+    if len(names) < fewest:
+        least = "two, to be compared" if fewest == 2 else fewest
+        wanted = f"at least {least}, of {', '.join(PAPER + MORE)}"
+        raise located("policies", Phrase(", ".join(names) or "none"), wanted)
     for i, name in enumerate(names):
         if name not in PAPER + MORE:
             raise located("policy", name, f"one of {', '.join(PAPER + MORE)}")
@@ -165,6 +175,7 @@ def ls_pomdp(model: LatentStatePOMDP, schedule: str = STUDY2) -> tuple[Policy, t
     tuple of str
         A note where the solver stopped before the gap was small enough.
     """
+    schedule_modes(model.protocol, schedule)
     wanted = (schedule[:2] * len(schedule))[: len(schedule)]
     if schedule != wanted or len(set(schedule[:2])) < min(2, len(schedule)):
         raise located(f"policy {LS_POMDP}, schedule", schedule, "modes that take turns, as it is solved for")

@@ -83,7 +83,9 @@ class Study2Replicates:
                 raise located(f"replicates of study 2, {name}", getattr(self, name), f"at least {low}")
         if self.replicates % self.worlds:
             raise located(
-                "replicates of study 2, replicates", self.replicates, f"a multiple of {self.worlds} worlds"
+                "replicates of study 2, replicates",
+                self.replicates,
+                f"a multiple of {self.worlds} worlds (--worlds)",
             )
 
     @property

@@ -99,14 +99,36 @@ class Robot:
 
     def observe(self, k: int, choice: Index, seen: Index) -> None:
         """What came of it."""
-        mode, last = self.modes[k], k + 1 == len(self.modes)
-        following = mode if last else self.modes[k + 1]
-        for c, o in np.unique(np.stack([choice, seen], axis=1), axis=0):
-            own = np.flatnonzero((choice == c) & (seen == o))
-            self.belief[own, k + 1] = self.tracker.update_many(mode, self.belief[own, k], int(c), int(o), following)
-        if not last:
-            after = np.full(len(choice), following, dtype=np.int64)
+        self.belief[:, k + 1] = follow(self.tracker, self.modes, k, self.belief[:, k], choice, seen)
+        if k + 1 < len(self.modes):
+            after = np.full(len(choice), self.modes[k + 1], dtype=np.int64)
             self.memories = self.policy.observe_many(self.memories, choice, seen, after)
+
+
+def follow(
+    tracker: BeliefModel, modes: tuple[int, ...], k: int, belief: Array, choice: Index, seen: Index
+) -> Array:  # fmt: skip
+    """Beliefs ``[person, s]`` after round k, from those before it.
+
+    Parameters
+    ----------
+    tracker : BeliefModel
+        Of a robot's model.
+    modes : tuple of int
+        Of all rounds.
+    k : int
+    belief : float64[person, s]
+    choice : int64[person]
+        What the robot did, counted within the mode.
+    seen : int64[person]
+        0 in rounds that show nothing, else the response and 1.
+    """
+    mode, following = modes[k], modes[min(k + 1, len(modes) - 1)]
+    out = np.empty_like(belief)
+    for c, o in np.unique(np.stack([choice, seen], axis=1), axis=0):
+        own = np.flatnonzero((choice == c) & (seen == o))
+        out[own] = tracker.update_many(mode, belief[own], int(c), int(o), following)
+    return out
 
 
 def traps(letters: str, protocol: Protocol) -> Index:

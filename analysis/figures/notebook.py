@@ -52,5 +52,5 @@ def show(drawn: Axes | Figure, kind: str, caption: str) -> None:
     with style():
         words = f"{label.upper()}. {meaning}"
         figure.supxlabel(words, x=0.01, ha="left", fontsize=7.5, color=FAINT)
-    shown(SVG(slim(to_svg(figure))))
+    shown(SVG(slim(to_svg(figure)).replace("\n", " ")))  # one line: nbformat stores a string for each
     shown(Markdown(f"*{label.capitalize()}.* {caption}"))

@@ -115,8 +115,8 @@ class Conversation:
             await self._stop()
             person, self.person = self.person, None
             self.pages.pop(person.participant, None)
-            await self._study(lambda: self.study.withdraw(person))
-            await self._send({"type": "withdrawn", "words": self.study.settings.withdrawal})
+            rule = await self._study(lambda: self.study.withdraw(person))
+            await self._send({"type": "withdrawn", "words": rule})
 
     async def _hello(self, token: str | None) -> None:
         s = self.study.settings

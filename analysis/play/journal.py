@@ -37,7 +37,7 @@ class Member:
     condition : str
         Name of the policy.
     setup : dict
-        `analysis.play.settings.PlaySettings.setup` at the time.
+        `analysis.play.settings.PlaySettings.setup` at the time, with what was promised.
     """
 
     participant: int

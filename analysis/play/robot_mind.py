@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from analysis.play.study_setup import RobotSource
 from models.errors import InputError, Phrase, located
 from models.lspomdp import LatentStatePOMDP
 from models.planning.baselines import Reciprocal, always, myopic, never, uniformly_random
@@ -17,6 +18,9 @@ from models.protocol import MISSING, NO_RESPONSE, PUBLISHED
 LS_POMDP, EXACT = "ls-POMDP", "exact plan"
 NAMES = (LS_POMDP, EXACT, "always", "never", "myopic", "reactive", "random")
 """Policies that can be named; any other one comes from a file."""
+
+FROM_MODEL = (LS_POMDP, EXACT, "myopic")
+"""Those of them that rest on the learned model."""
 
 
 class Decision(NamedTuple):
@@ -50,6 +54,7 @@ def policy_by_name(given: str, model: LatentStatePOMDP, schedule: str) -> tuple[
     """
     from models.planning.policy_files import read_policy
 
+    PUBLISHED.modes_from_letters(schedule)
     notes: tuple[str, ...] = ()
     if given == LS_POMDP:
         from analysis.study2_policies import ls_pomdp
@@ -73,6 +78,21 @@ def policy_by_name(given: str, model: LatentStatePOMDP, schedule: str) -> tuple[
         raise located("policy", given, f"one of {', '.join(NAMES)}, or a policy file")
     check_policy(policy, schedule)
     return policy, notes
+
+
+def source_of(given: str, model: LatentStatePOMDP, model_name: str) -> RobotSource:
+    """Where the policy that `policy_by_name` makes comes from.
+
+    Parameters
+    ----------
+    given, model
+        As there.
+    model_name : str
+        Of the model's file.
+    """
+    if given in NAMES:
+        return RobotSource.of_model(model, model_name) if given in FROM_MODEL else RobotSource()
+    return RobotSource.of_file(given)
 
 
 def check_policy(policy: Policy, schedule: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import Callable
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from analysis.play.robot_mind import RobotMind
@@ -128,6 +129,11 @@ def serve(study: Study, taken: socket.socket, host: str, site: str | None, ready
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             ready()
+
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            # Shutting down takes seconds at the most; a second Ctrl-C would tear it apart in the middle.
+            if not self.should_exit:
+                super().handle_exit(sig, frame)
 
     config = uvicorn.Config(
         application(study, host, site), ws="websockets-sansio", ws_max_size=MOST_BYTES,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from analysis.play.study_setup import RobotSource, text_digest
 from analysis.policy_study import STUDY2
 from models.errors import Phrase, located
 from models.game.layout import Layout, packaged
@@ -69,6 +71,8 @@ class PlaySettings:
         Seconds before a round starts.
     tick_seconds : float
         A tenth of a second; tests are in a hurry.
+    robots : mapping of str to RobotSource
+        Where policies come from, by their names.
 
     Raises
     ------
@@ -87,6 +91,7 @@ class PlaySettings:
     withdrawal: str = DELETE
     countdown: float = 3.0
     tick_seconds: float = 1 / TICKS_A_SECOND
+    robots: Mapping[str, RobotSource] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.policies:
@@ -108,6 +113,9 @@ class PlaySettings:
             raise located("withdrawal", self.withdrawal, f"one of {', '.join(WITHDRAWAL)}")
         if not 0 <= self.countdown <= MOST_COUNTDOWN:
             raise located("countdown", self.countdown, f"0 to {MOST_COUNTDOWN:g} seconds")
+        if self.parameters.trap_tick >= self.parameters.round_ticks:
+            wanted = f"less than round_ticks, {self.parameters.round_ticks}: nobody could ever be trapped"
+            raise located("game parameters, trap_tick", self.parameters.trap_tick, wanted)
         if len(self.consent) > MOST_CONSENT:
             raise located("consent, characters", len(self.consent), f"at most {MOST_CONSENT}")
 
@@ -131,18 +139,23 @@ class PlaySettings:
         """A policy by its name."""
         return self.policies[self.policy_names.index(name)]
 
-    def assigned(self, participant: int) -> str:
-        """Name of the policy that a person meets: each block of as many people as policies meets all of them.
+    def assigned(self, before: int) -> str:
+        """Name of the policy that somebody meets: each block of as many people as policies meets all of them.
+
+        Parameters
+        ----------
+        before : int
+            People who agreed before, withdrawn ones included: blocks begin with the first, whatever their numbers.
 
         Examples
         --------
         >>> from models.planning.baselines import always, never
         >>> from models.protocol import PUBLISHED
         >>> study = PlaySettings((always(PUBLISHED), never(PUBLISHED)))
-        >>> sorted(study.assigned(n) for n in (8, 9))
+        >>> sorted(study.assigned(n) for n in (0, 1))
         ['always', 'never']
         """
-        block, place = divmod(participant, len(self.policies))
+        block, place = divmod(before, len(self.policies))
         order = np.random.default_rng(self._stream(_ASSIGNMENT, block)).permutation(len(self.policies))
         return self.policy_names[int(order[place])]
 
@@ -157,12 +170,13 @@ class PlaySettings:
     def _stream(self, *key: int) -> np.random.SeedSequence:
         return np.random.SeedSequence(self.seed, spawn_key=(_TASK, *key))
 
-    @property
-    def setup(self) -> dict[str, object]:
-        """What must stay the same for a person from the first round to the last, for files."""
+    def setup(self, condition: str) -> dict[str, object]:
+        """What must stay the same for a person of a condition from the first round to the last, for files."""
         return {
             "study": self.study, "schedule": self.schedule, "seed": self.seed, "map": self.layout.name,
             "map_digest": self.layout.digest, "parameters": self.parameters.to_dict(),
+            "withdrawal": self.withdrawal, "consent_sha256": text_digest(self.consent_text),
+            "robot_sha256": self.robots.get(condition, RobotSource()).sha256,
         }  # fmt: skip
 
     @property
@@ -187,6 +201,11 @@ class PlaySettings:
             )  # fmt: skip
         paragraphs = (" ".join(part.split()) for part in text.replace("\r\n", "\n").split("\n\n"))
         return tuple(p for p in paragraphs if p)
+
+    @property
+    def consent_text(self) -> str:
+        """The consent page as one text, paragraphs separated by empty lines."""
+        return "\n\n".join(self.consent_paragraphs)
 
     def with_(self, **changes: object) -> PlaySettings:
         """A copy with other settings."""

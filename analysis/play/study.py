@@ -16,6 +16,7 @@ from analysis.play.live_round import LiveRound
 from analysis.play.log_lock import LogLock
 from analysis.play.robot_mind import Decision, RobotMind
 from analysis.play.settings import DELETE, MODES, PlaySettings
+from analysis.play.study_setup import SetupFile
 from models.game.record import record, write_records
 from models.game.round import Round
 from models.protocol import PUBLISHED
@@ -67,7 +68,8 @@ class Study:
     Raises
     ------
     InputError
-        If the files belong to something else, or another server writes them.
+        If the files belong to something else, another server writes them, or people agreed to something else
+        (`analysis.play.study_setup.SetupFile.check`).
     """
 
     def __init__(self, settings: PlaySettings, out: str | Path, lock: LogLock | None = None) -> None:
@@ -77,6 +79,8 @@ class Study:
         try:
             self.journal = Journal(self._lock)
             self.log = EventRows(out, settings.study)
+            self.setup = SetupFile(self.folder)
+            self.setup.check(settings, self.journal)
         except BaseException:
             self._lock.close()
             raise
@@ -98,8 +102,10 @@ class Study:
         participant = s.first_participant
         while participant in taken:
             participant += 1
-        condition = s.assigned(participant)
-        token = self.journal.agree(participant, condition, s.setup)
+        condition = s.assigned(len(self.journal.numbers))
+        # The text before the consent: a consent says that the text is there.
+        self.setup.keep(s)
+        token = self.journal.agree(participant, condition, s.setup(condition))
         person = self.find(token)
         assert person is not None
         return token, person
@@ -111,7 +117,7 @@ class Study:
             return None
         if member.participant not in self._people:
             s = self.settings
-            if member.setup != s.setup or member.condition not in s.policy_names:
+            if member.condition not in s.policy_names or member.setup != s.setup(member.condition):
                 return None
             past = [Decision(row.action, row.observation) for row in self.log.rows.get(member.participant, [])]
             self._people[member.participant] = Person(member, RobotMind(s.policy(member.condition), s.modes, past))
@@ -175,14 +181,21 @@ class Study:
             self.journal.note("finished", person.participant)
         return row
 
-    def withdraw(self, person: Person) -> None:
-        """The person withdraws: the robot forgets them, and their rounds are deleted where that is the rule."""
-        rule = self.settings.withdrawal
+    def withdraw(self, person: Person) -> str:
+        """The person withdraws: the robot forgets them, and their rounds are deleted where that was promised.
+
+        Returns
+        -------
+        str
+            The rule that was promised to this person.
+        """
+        rule = str(person.member.setup["withdrawal"])
         self.journal.withdraw(person.participant, len(self.rows(person)), rule)
         self._people.pop(person.participant, None)
         person.live = None
         if rule == DELETE:
             self._delete(person.participant)
+        return rule
 
     def _delete(self, participant: int) -> None:
         shutil.rmtree(self._records(participant), ignore_errors=True)

@@ -31,6 +31,11 @@ VERSION = 2
 """1 had no digest."""
 
 
+_ENTRIES = (
+    "format", "version", "map", "lines", "parameters", "trapped", "acts", "seed", "inputs", "outcome", "digest"
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class RoundRecord:
     """One round, over or not.
@@ -94,6 +99,10 @@ class RoundRecord:
             raise located(f"{place}, lines", lines, "the map's lines")
         layout = Layout.from_text("\n".join(lines), name, f"{place}, map")
         parameters = GameParameters.from_dict(content.get("parameters"), f"{place}, parameters")
+        absent = [name for name in parameters.to_dict() if name not in content["parameters"]]
+        if absent:
+            # A default of today is no record of what was played.
+            raise located(f"{place}, parameters, {absent[0]}", Phrase("nothing"), "the value that was played with")
         trapped, acts = content.get("trapped"), content.get("acts")
         if trapped not in PLAYERS:
             raise located(f"{place}, trapped", trapped, f"one of {', '.join(PLAYERS)}")
@@ -110,7 +119,11 @@ class RoundRecord:
             raise located(
                 f"{place}, digest", content.get("digest"), f"{digest}, that of this line: the record was changed"
             )
-        return cls(layout, parameters, trapped, acts, seed, inputs, outcome)
+        own = cls(layout, parameters, trapped, acts, seed, inputs, outcome)
+        foreign = [name for name in content if name not in _ENTRIES]
+        if foreign:
+            raise located(f"{place}, entry", foreign[0], f"one of {', '.join(_ENTRIES)}")
+        return own
 
 
 def record(game: Round) -> RoundRecord:
@@ -185,6 +198,8 @@ def read_records(path: str | Path) -> list[RoundRecord]:
             except ValueError:
                 raise InputError(f"{place}: holds a number of more digits than can be read") from None
             out.append(RoundRecord.from_dict(content, place))
+    if not out:
+        raise located(str(path), Phrase("no round"), "at least one line with a recorded round")
     return out
 
 

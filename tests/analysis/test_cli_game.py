@@ -56,6 +56,7 @@ def test_what_is_stored(run, tmp_path):
         ), name
     assert re.search(r"quantity +simulated +printed +difference +percent +se +sd", done.output)
     assert "Settings tried, simulated, 2 studies each" in done.output
+    assert "brackets: beyond lowest and highest printed x by 2 standard errors" in done.output
     assert re.search(r"^ *short +60\.0 +0\.5 +45\.0 ", done.output, re.MULTILINE)
     widest = max(len(line) for line in done.output.splitlines()[:10])
     assert widest <= 80

@@ -1,5 +1,7 @@
 """The commands ``study2``, ``simulate study2`` and ``replicate study2``: their JSON, words and refusals."""
 
+import errno
+import io
 import json
 
 import numpy as np
@@ -20,6 +22,7 @@ def instant(monkeypatch):
     """Rounds that take no time, and a robot that learns from fewer restarts."""
     monkeypatch.setattr("models.game.rounds.play_rounds", instant_rounds())
     monkeypatch.setattr("analysis.study2_learning.RESTARTS", 8)
+    monkeypatch.setattr("analysis.study2_beliefs.SEARCHES", 2)
 
 
 @pytest.fixture
@@ -65,7 +68,46 @@ def test_the_log_is_that_of_the_study(capsys, model, tmp_path):
 
 def test_a_robot_that_learns_from_a_study_1(capsys, model):
     found = result_of(capsys, "study2", "--truth", model, "--participants", 20, "--states", 2)
-    assert found["learned"] == "Baum-Welch with 2 states on a study 1 of 540 simulated people"
+    words = "Baum-Welch with 2 states on a study 1 of 540 simulated people (log-likelihood -"
+    assert found["learned"].startswith(words)
+    assert (found["belief"]["searches"], found["belief"]["models"][0]["below"]) == (2, 0)
+    assert found["claims_on_the_robots_scale"] == ["belief"]
+
+
+def test_what_is_on_the_robots_scale_is_not_answered(capsys, model):
+    options = ("--truth", model, "--participants", 20)
+    for learned, says in ((("--states", 2), False), (("--learned", model), False), (("--learned", "truth"), True)):
+        assert run("study2", *options, *learned) == 0
+        out = capsys.readouterr().out
+        assert "Believed state is on the robot's own scale" in out
+        assert "other fits give other numbers" in out
+        (line,) = (line for line in out.splitlines() if "belief is at higher states" in line)
+        assert (line.split()[0] in ("yes", "no")) == says
+        assert ("not decidable" in line) != says
+
+
+def test_groups_that_are_not_equal_are_named(capsys, model):
+    for people, words in ((23, "Groups of 4 and 5."), (20, "seed 1.\n")):
+        assert run("study2", "--truth", model, "--learned", "truth", "--participants", people) == 0
+        assert words in capsys.readouterr().out
+
+
+def test_one_policy_can_be_simulated(capsys, model, tmp_path):
+    options = ("--truth", model, "--learned", "truth", "--policies", "always", "--participants", 2)
+    found = result_of(capsys, "simulate", "study2", *options, "--out", tmp_path / "one.csv")
+    assert (found["policies"], found["events"]) == (["always"], 18)
+    assert run("simulate", "study2", *options[:-1], 1, "--out", tmp_path / "one.csv") == 2
+
+
+def test_json_is_written_though_nobody_reads_on(tmp_path, model, monkeypatch):
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    told = tmp_path / "told.json"
+    monkeypatch.setattr("sys.stdout", Closed())
+    assert run("study2", "--truth", model, "--learned", "truth", "--participants", 20, "--json", told) == 1
+    assert json.loads(told.read_text())["participants"] == 20
 
 
 def test_words(capsys, model):
@@ -118,7 +160,7 @@ def test_other_policies(capsys, model):
     [
         (("--participants", "9"), "participants: found 9 under 5 policies, wanted at least 10"),
         (("--policies", "kind,never"), "policy: found 'kind', wanted one of ls-POMDP"),
-        (("--policies", "never"), "policies: found never, wanted at least two of"),
+        (("--policies", "never"), "policies: found never, wanted at least two, to be compared, of"),
         (("--policies", "all", "--learned", "truth"), "posterior: found none"),
         (("--learned", "absent.json"), "absent.json: no such file"),
         (("--truth", "absent.json"), "absent.json: no such file"),
@@ -158,4 +200,10 @@ def test_replicates_say_how_they_are_repeated(capsys, tmp_path, model):
     assert "models.game.rounds" in content["modules"]
     assert content["sentence"] in capsys.readouterr().out
     assert run("replicate", "study2", "--replicates", 5, "--worlds", 2, "--quiet") == 2
-    assert "wanted a multiple of 2 worlds" in capsys.readouterr().err
+    assert "wanted a multiple of 2 worlds (--worlds)" in capsys.readouterr().err
+    assert run("replicate", "study2", "--replicates", 29, "--quiet") == 2
+    assert "--replicates: found 29, wanted a multiple of some number of worlds" in capsys.readouterr().err
+    options = ("--replicates", 3, "--people", 4, "--study1", 40, "--states", 1, "--truth", model)
+    assert run("replicate", "study2", *options, "--out", out) == 0
+    assert " --replicates 3 --worlds 3 " in json.loads(out.read_text())["command"]
+    assert "not decidable" in capsys.readouterr().out

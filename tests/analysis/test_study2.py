@@ -1,14 +1,26 @@
 """Study 2: rounds in a closed loop, the exact planner's values from the game, event logs, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from analysis.event_files import read_events, write_events
 from analysis.policy_study import STUDY2
+from analysis.report.effort import Effort
 from analysis.simulate import calibrated_truth, simulate_study1
 from analysis.study2 import FEWEST, run_study2
 from analysis.study2_claims import as_printed
-from analysis.study2_learning import learned_anew, learned_from
+from analysis.study2_learning import (
+    ANEW_FINALISTS,
+    ANEW_RESTARTS,
+    ANEW_ROUNDS,
+    FINALISTS,
+    RESTARTS,
+    ROUNDS,
+    learned_anew,
+    learned_from,
+)
 from analysis.study2_policies import CAUTIOUS, EXACT, MORE, PAPER, Learned, PolicySet, ls_pomdp, make_policies
 from models.baum_welch import BaumWelch
 from models.errors import InputError
@@ -227,7 +239,7 @@ def test_another_protocol():
     [
         (("never", "kind"), "policy: found 'kind', wanted one of ls-POMDP, always"),
         (("never", "never"), "never twice"),
-        (("never",), "at least two of"),
+        ((), "policies: found none, wanted at least 1, of"),
         (("never", CAUTIOUS), "posterior: found none, wanted one: the truth itself is a single model"),
     ],
 )
@@ -247,8 +259,15 @@ def test_what_the_robot_may_have_learned_from(monkeypatch, tmp_path):
     assert "80 simulated people" in one.words
     bundled = learned_from("bundled", truth, states=2)
     study = simulate_study1(calibrated_truth(), 540, 1)
-    best = BaumWelch(2, restarts=4, finalists=30, rounds=1, seed=1).fit(study)
+    best = BaumWelch(2, restarts=4, finalists=30, rounds=3, seed=1).fit(study)
     assert bundled.model.transition == pytest.approx(best.model.transition)
+    assert bundled.found.log_likelihood == best.log_likelihood
+    assert f"(log-likelihood {best.log_likelihood:.3f})" in bundled.words
+    # The bundled study is the simulated one with seed 1, so these two are no two confirmations.
+    again = learned_from("em", calibrated_truth(), states=2)
+    assert np.array_equal(again.model.transition, bundled.model.transition)
+    assert "540 simulated people, which is the bundled one" in again.words
+    assert "bundled" not in one.words
     path = tmp_path / "model.json"
     write_model(truth, path)
     assert learned_from(str(path), truth).model.transition == pytest.approx(truth.transition)
@@ -256,6 +275,11 @@ def test_what_the_robot_may_have_learned_from(monkeypatch, tmp_path):
         learned_from(str(path), truth, posterior=True)
     with pytest.raises(InputError, match="participants of study 1: found 1"):
         learned_from("em", truth, participants=1)
+
+
+def test_the_search_is_that_of_a_full_report():
+    own = BaumWelch(4, restarts=RESTARTS, finalists=FINALISTS, rounds=ROUNDS, seed=3)
+    assert own == Effort.of(quick=False).search(4, {}, 3)
 
 
 def test_a_posterior_is_taken_from_the_store(monkeypatch, tmp_path):
@@ -267,10 +291,14 @@ def test_a_posterior_is_taken_from_the_store(monkeypatch, tmp_path):
     assert one.draws.n_draws == 100
     assert np.array_equal(one.draws.transition, other.draws.transition)
     assert len(list((tmp_path / "fits").glob("*.nc"))) == 1
-    # So few draws fail their gate, which is said.
-    assert any("Convergence gate FAILED" in note for note in one.notes)
+    # So few draws fail their gate, which is said, and of whom.
+    (note,) = (note for note in one.notes if "Convergence gate FAILED" in note)
+    assert note.startswith("About Bayes-adaptive and cautious alone")
+    assert note.endswith("The other policies use the point estimate.")
     anew = learned_anew(person(), 1, participants=60, states=2, sampler=few)
-    assert np.array_equal(anew.model.transition, one.model.transition)
+    assert anew.found.settings == replace(
+        one.found.settings, restarts=ANEW_RESTARTS, finalists=ANEW_FINALISTS, rounds=ANEW_ROUNDS
+    )
     assert make_policies(one, ("never", *MORE)).names == ("never", *MORE)
 
 

@@ -11,7 +11,7 @@ from statsmodels.stats.proportion import proportion_confint
 from analysis.anova import mixed_anova
 from analysis.design import published
 from analysis.posthoc import PersonValues, tukey
-from analysis.printed_study2 import anova_beside, comparisons_beside, implied_errors, implied_sentence
+from analysis.printed_study2 import anova_beside, comparisons_beside, implied_errors, implied_sentence, in_words
 from analysis.repeated_measures import RepeatedMeasures
 from analysis.study2_analysis import analyse, comparison_rows, help_model, help_table
 from analysis.study2_outcomes import (
@@ -202,6 +202,17 @@ def test_one_policy_under_which_everybody_helps_is_named():
 def test_a_reference_that_is_none(study):
     with pytest.raises(InputError, match="reference policy: found 'nobody'"):
         analyse(study, "nobody")
+
+
+def test_chances_in_words(found):
+    plain = anova_beside(found, published())
+    words = in_words(plain)
+    for name in ("simulated_p", "printed_p"):
+        for before, after in zip(plain[name], words[name], strict=True):
+            assert after == ("" if np.isnan(before) else "< .001" if before < 0.001 else f"{before:.3f}")
+    assert "< .001" in set(words["printed_p"])
+    pairs = in_words(comparisons_beside(found, published()))
+    assert not any(v == 0 for name in pairs if "_p" in name or "dunnett" in name for v in pairs[name])
 
 
 def test_sentences_name_every_outcome(found):

@@ -12,7 +12,14 @@ from analysis.design import published
 from analysis.evidence import read_evidence
 from analysis.simulate import calibrated_truth
 from analysis.study2_claims import CLAIMS
-from analysis.study2_evidence import Study2Evidence, game_settings, study2_evidence
+from analysis.study2_evidence import (
+    Study2Evidence,
+    game_settings,
+    reworded,
+    sentence_of,
+    shown_claims,
+    study2_evidence,
+)
 from analysis.study2_learning import EM, TRUTH
 from analysis.study2_policies import LS_POMDP, MORE, PAPER
 from analysis.study2_replicates import Study2Replicates, WorldResult, quantities, replicate_study2, run_world
@@ -96,6 +103,42 @@ def made_up(holds):
         for h in holds
     ]  # fmt: skip
     return Study2Evidence({EM: settings}, {EM: tuple(result)}, quantities(published()))
+
+
+def test_the_stored_words_are_those_of_the_code():
+    """Names, remarks and sentence of the stored file follow from its numbers; no number is said elsewhere."""
+    stored = read_evidence("study2").content
+    assert reworded(stored) == stored
+    printed = {r["claim"]: r["printed"] for r in stored["claims"]}
+    assert printed["team-reactive"] == "in the text; .01 in the table"
+    assert printed["team"] == "in the text; reactive .01 in the table"
+    assert printed["all"] != "yes"
+
+
+def test_what_the_fit_decides_has_no_share(evidence):
+    content = plain(evidence.to_dict())
+    rows = shown_claims(content).set_index(["learning", "planner", "claim"])
+    for planner in (LS_POMDP, *MORE):
+        own = rows.loc[(EM, planner, "belief")]
+        assert np.isnan(own[["share", "se", "low", "high"]].astype(float)).all()
+        assert own["name"] == "belief rises faster (not decidable)"
+    assert rows.loc[(TRUTH, LS_POMDP, "belief"), "share"] == evidence.share(TRUTH, LS_POMDP, "belief")
+    assert rows["share"].isna().sum() == len((LS_POMDP, *MORE))
+    shares = [
+        world.claims[LS_POMDP].mean(axis=0)[content["claim_keys"].index("belief")] for world in evidence.worlds[EM]
+    ]
+    none, every = shares.count(0.0), shares.count(1.0)
+    assert f"of 2 such robots {none} lead to it in no study and {every} in every one" in evidence.sentence
+    assert "belief rises faster (not decidable)" in evidence.sentence
+
+
+def test_worlds_with_warnings_are_counted(evidence):
+    many = sum(bool(w.notes) for w in evidence.worlds[EM])
+    assert many, "so few draws fail their gate"
+    assert f"In {many} of 2 worlds something that was learned carries a warning" in evidence.sentence
+    assert "Only Bayes-adaptive and cautious rest on posteriors" in evidence.sentence
+    content = evidence.to_dict()
+    assert "warning" not in sentence_of({**content, "worlds_with_notes": {EM: 0, TRUTH: 0}})
 
 
 def test_errors_are_those_of_means_over_worlds():

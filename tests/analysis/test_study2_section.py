@@ -32,6 +32,7 @@ def little(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         little_effort(patch)
         patch.setattr("models.game.rounds.play_rounds", instant_rounds())
+        patch.setattr("analysis.study2_beliefs.SEARCHES", 2)
         folder = tmp_path_factory.mktemp("evidence")
         patch.setattr(evidence, "FOLDER", folder)
         tiny = Study2Replicates(
@@ -102,6 +103,32 @@ def test_ours_stands_beside_printed(shown):
     assert help_rates.loc["never", "printed_difference"] == -0.17
 
 
+def test_beliefs_are_said_to_be_on_the_robots_scale(shown):
+    said = " ".join(shown.sentences)
+    assert "tests of it differ with the fit and say nothing about people" in said
+    assert "2 further searches of the same data found" in said
+    assert "other fits give other numbers" in said
+    for key in ("study2-anova", "study2-means", "study2-policies", "study2-tukey-belief"):
+        assert "own scale" in table(shown, key).caption
+
+
+def test_what_the_fit_decides_has_no_share(shown):
+    frame = table(shown, "study2-claims-table").frame.set_index("conclusion")
+    own = frame.loc["BELIEF RISES FASTER"]
+    assert np.isnan(own["em"])
+    assert 0 <= own["truth"] <= 1
+    assert not frame.drop(index="BELIEF RISES FASTER").isna().any().any()
+    assert frame.loc["above reactive, p < .01", "paper"] == "in the text; .01 in the table"
+    figure = next(f for f in shown.figures if f.key == "study2-claims-em")
+    assert "own scale: not decidable" in " ".join(figure.alt)
+    assert {f.origin for f in shown.figures if "claims" in f.key} == {(Origin.SIMULATED,)}
+
+
+def test_a_posterior_that_failed_is_laid_at_the_door_of_those_who_use_it(shown):
+    (note,) = (s for s in shown.sentences if "Convergence gate FAILED" in s and "study 1:" in s)
+    assert note.startswith("About Bayes-adaptive and cautious alone")
+
+
 def test_outcomes_that_the_paper_does_not_compare_have_no_empty_columns(shown):
     own = table(shown, "study2-tukey-belief")
     assert (own.printed, own.origin) == ((), (Origin.SIMULATED,))
@@ -122,6 +149,7 @@ def test_the_game_beside_the_paper(shown):
         "x3": 43.5, "brackets": True, "rms": 6.5, "help": 6.25, "signal": 28.5,
     }  # fmt: skip
     assert table(shown, "study2-game-learning").frame["game"].tolist() == [0.7]
+    assert "both by 2 standard errors" in table(shown, "study2-game-settings").caption
     assert "The game was measured." in shown.sentences
 
 

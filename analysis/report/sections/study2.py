@@ -17,7 +17,9 @@ from analysis.report.sections.study2_game import game_blocks
 from analysis.report.stored import stored
 from analysis.study2 import Study2, run_study2
 from analysis.study2_analysis import Study2Analysis, analyse
+from analysis.study2_beliefs import SCALE, belief_spread
 from analysis.study2_claims import as_printed
+from analysis.study2_learning import posterior_notes
 from analysis.study2_outcomes import (
     BELIEF,
     CUMULATIVE,
@@ -48,6 +50,7 @@ CAUTIONS = (
     "conclusions do not come out, this truth, the game's unprinted rules or the paper may be the reason.",
     "Tokens come from the game: a person or robot that stays trapped collects none. The reward that policies are "
     "planned with counts states and costs, not tokens, so more tokens are not more reward.",
+    SCALE,
     "A conclusion that comes out in most studies is one that such a study would find, not one that is true.",
 )
 
@@ -93,9 +96,13 @@ def _one(context: ReportContext) -> tuple[Block, ...]:
             else f"the data say nothing about {', '.join(unseen)}, which policies of the study do"
         )  # fmt: skip
     posterior = context.posterior(k)
-    words = f"the Baum-Welch estimate with {counted(k, 'state')} on the people of this report"
-    notes = () if posterior.gate.passed else (posterior.gate.sentence,)
-    learned = Learned(fits[k].model, posterior.draws(), words, notes)
+    words = (
+        f"the Baum-Welch estimate with {counted(k, 'state')} on the people of this report (log-likelihood "
+        f"{fits[k].log_likelihood:.3f})"
+    )
+    learned = Learned(
+        fits[k].model, posterior.draws(), words, posterior_notes(posterior), fits[k], context.log
+    )  # fmt: skip
     made = make_policies(learned, PAPER + MORE)
     each = context.published["study2"]["participants"] // len(PAPER)
     everybody = run_study2(made, truth, learned, each * len(made.policies), seed=context.seed)
@@ -115,6 +122,7 @@ def _one(context: ReportContext) -> tuple[Block, ...]:
         )
     blocks.append(_panels("study2-panels", study, PAPER, "the paper's policies"))
     blocks += [Text(_swings(study)), *(Text(sentence) for sentence in found.sentences)]
+    blocks.append(Text(belief_spread(study, learned).sentence))
     blocks += [_means(everybody), *_beside(context, found), *_help(found)]
     more = (LS_POMDP, NEVER, *MORE)
     blocks.append(_panels("study2-panels-more", everybody, more, "planners that the paper did not have"))
@@ -179,8 +187,8 @@ def _means(study: Study2) -> Table:
                "costly_actions": ".2f", "reward": ",.1f"}  # fmt: skip
     return Table(
         "study2-means", wide.reset_index(),
-        "Means over the people of each policy: believed state and probability over all rounds, reward by the true "
-        "states and the published reward, summed over the rounds.",
+        "Means over the people of each policy: believed state and probability, both on the robot's own scale, over "
+        "all rounds; reward by the true states and the published reward, summed over the rounds.",
         SIMULATED, headings=names, formats=formats,
     )  # fmt: skip
 
@@ -191,7 +199,8 @@ def _beside(context: ReportContext, found: Study2Analysis) -> tuple[Block, ...]:
     anova = Table(
         "study2-anova", frame[["outcome", "effect", "simulated_f", "simulated_p", "printed_f", "printed_p"]],
         "Mixed analyses of variance, first against last round that measures the outcome: simulated beside printed. "
-        f"A printed p of 0 stands for p < .001; the paper tests no beliefs. Residual degrees of freedom: {df2}.",
+        "A printed p of 0 stands for p < .001; the paper tests no beliefs, and those of the robot are on its own "
+        f"scale. Residual degrees of freedom: {df2}.",
         BESIDE, row_headings=2, printed=("printed_f", "printed_p"),
         headings={"simulated_f": "F", "simulated_p": "p", "printed_f": "F", "printed_p": "p"},
         formats={"simulated_f": ",.2f", "simulated_p": ".2g", "printed_f": ",.2f", "printed_p": ".4g"},
@@ -220,11 +229,13 @@ def _compared(context: ReportContext, found: Study2Analysis) -> tuple[Table, ...
             if is_printed
             else "simulated; the paper prints none"
         )
+        scale = ", on the robot's own scale" if key == BELIEF else ""
         out.append(
             Table(
                 f"study2-tukey-{key.replace('_', '-')}", own,
                 f"{tukey.what[:1].upper()}{tukey.what[1:]}: mean under each policy less mean under "
-                f"{found.reference}, one value a person: {beside}. Intervals are Tukey's, for all pairs together.",
+                f"{found.reference}, one value a person{scale}: {beside}. Intervals are Tukey's, for all pairs "
+                "together.",
                 BESIDE if is_printed else SIMULATED, headings={name: heads[name] for name in shown},
                 printed=("printed_difference", "printed_p") if is_printed else (),
                 formats={n: ".2g" if "_p" in n or "dunnett" in n else DIGITS[key] for n in shown},

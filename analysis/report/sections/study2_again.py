@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 import pandas as pd
 
 from analysis.evidence import Evidence
@@ -11,6 +12,7 @@ from analysis.figures.study2 import claim_shares, printed_in_place
 from analysis.printed_anova import MEASURES
 from analysis.report.section import Block, Figure, Origin, Table, Text
 from analysis.report.sections.study2_game import other_game
+from analysis.study2_evidence import NOT_DECIDABLE, shown_claims
 from analysis.study2_evidence import WORDS as KINDS
 from analysis.study2_outcomes import BELIEF, OBSERVED, TEAM
 from analysis.study2_policies import LS_POMDP
@@ -28,13 +30,14 @@ def again_blocks(found: Evidence) -> tuple[Block, ...]:
         Of `prosocial replicate study2`.
     """
     content = found.content
-    rows = pd.DataFrame(content["claims"])
+    rows = shown_claims(content)
     settings = content["settings"]
     blocks: list[Block] = [*other_game(content)]
     for kind in settings:
         own = rows[rows["learning"] == kind]
         told = "; ".join(
-            f"{r.text}: {r.share:.1%}" for r in own[own["whole"] & (own["planner"] == LS_POMDP)].itertuples()
+            f"{r.text}: {'not decidable' if np.isnan(r.share) else f'{r.share:.1%}'}"
+            for r in own[own["whole"] & (own["planner"] == LS_POMDP)].itertuples()
         )
         blocks.append(
             Figure(
@@ -43,7 +46,7 @@ def again_blocks(found: Evidence) -> tuple[Block, ...]:
                 f"paper (bold) and to its parts; robot: {KINDS[kind]}. Each planner takes the place of the paper's "
                 "own among its four other policies. Intervals are 95%"
                 + (f", over {settings[kind]['worlds']} studies 1." if kind == "em" else "."),
-                (f"{LS_POMDP}: {told}.",), BESIDE,
+                (f"{LS_POMDP}: {told}.",), SIMULATED,
             )
         )  # fmt: skip
     blocks.append(_shares(rows, settings))
@@ -55,14 +58,16 @@ def again_blocks(found: Evidence) -> tuple[Block, ...]:
 
 def _shares(rows: pd.DataFrame, settings: dict[str, dict[str, object]]) -> Table:
     own = rows[rows["planner"] == LS_POMDP]
-    wide = own.pivot_table(index="claim", columns="learning", values="share")
+    wide = own.pivot_table(index="claim", columns="learning", values="share", dropna=False)
     first = own.drop_duplicates("claim").set_index("claim")
-    name = [r.name.upper() if r.whole else r.name for r in first.reset_index().itertuples(index=False)]
+    plain = first["name"].str.removesuffix(NOT_DECIDABLE)
+    name = [n.upper() if whole else n for n, whole in zip(plain, first["whole"], strict=True)]
     frame = wide.loc[first.index, list(settings)].assign(conclusion=name, paper=first["printed"])
     return Table(
         "study2-claims-table", frame[["conclusion", *settings, "paper"]].reset_index(drop=True),
         f"Share of simulated studies that lead to each conclusion (capitals) and to its parts, {LS_POMDP} the "
-        "planner, and whether the paper's own study does.", BESIDE, printed=("paper",),
+        "planner, and whether the paper's own study does. No share: the conclusion is on the robot's own scale, so "
+        "its fit decides.", BESIDE, printed=("paper",),
         headings={**{k: KINDS[k] for k in settings}, "paper": "paper's study"},
         formats=dict.fromkeys(settings, ".1%"),
     )  # fmt: skip
@@ -77,7 +82,8 @@ def _policy_means(rows: pd.DataFrame) -> Table:
     return Table(
         "study2-policies", frame.assign(learning=frame["learning"].map(KINDS)),
         "Means over all simulated people, by what the robot knew. Reward: by the true states and the published "
-        "reward, summed over the rounds.", SIMULATED, row_headings=2, headings={"learning": "robot", **measures},
+        "reward, summed over the rounds. Believed state: by each robot's own model, so on its own scale.",
+        SIMULATED, row_headings=2, headings={"learning": "robot", **measures},
         formats={TEAM: ".2f", OBSERVED: ".3f", BELIEF: ".2f", "costly_actions": ".2f", "reward": ",.1f"},
     )  # fmt: skip
 

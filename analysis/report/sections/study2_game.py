@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.evidence import Evidence
 from analysis.figures.game import state_scores_plot
-from analysis.game_calibration import in_words
+from analysis.game_calibration import MARGIN, in_words
 from analysis.game_settings import narrow
 from analysis.report.section import Block, Figure, Origin, Table, Text
 from analysis.study2_evidence import game_settings
@@ -90,8 +90,8 @@ def _tried(search: pd.DataFrame, table: pd.DataFrame, studies: int) -> Table:
         "study2-game-settings", frame,
         f"Settings tried, all simulated: {studies} studies 1 each. Length of a round, time of a person's step, and "
         "in how many of 100 steps attention lapses; then what is measured: x of each state, whether they bracket "
-        f"the lowest and highest printed one (printed: {printed}), their root mean square distance (RMS) from all "
-        "of them, and the robot's interruption by helping and by signalling.",
+        f"the lowest and highest printed one (printed: {printed}), both by {MARGIN:g} standard errors, their root "
+        "mean square distance (RMS) from all of them, and the robot's interruption by helping and by signalling.",
         BESIDE,
         headings={"brackets": "bracket", "rms": "RMS", **{name: name.removeprefix("x") for name in scores}},
         formats={"round": "g", "step": "g", "lapses": "g", **dict.fromkeys(scores, ".1f"), "rms": ".1f",

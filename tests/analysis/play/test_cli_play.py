@@ -3,14 +3,37 @@
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from analysis import cli_play
 from analysis.cli_play import play_command
 from analysis.play import robot_mind, run
+from analysis.simulate import calibrated_truth
 from models.errors import InputError
+from models.model_files import write_model
 from tests.analysis.play.cases import ROOT
+
+
+def test_a_restart_with_another_robot_or_rule_is_refused(tmp_path, monkeypatch):
+    """What the setup holds is asked before anything is served."""
+    monkeypatch.chdir(tmp_path)
+    truth = calibrated_truth()
+    write_model(truth, tmp_path / "one.json")
+    write_model(replace(truth, initial=truth.initial[::-1]), tmp_path / "other.json")
+    monkeypatch.setattr(run, "serve", lambda study, taken, *_: (study.agree(), study.close(), taken.close()))
+    options = {"port": 0, "quiet": True, "policy": ["myopic", "always"], "schedule": "HR", "out": "log.csv"}
+    play_command(**options, learned="one.json")
+    play_command(**options, learned="one.json")
+    monkeypatch.setattr(run, "serve", lambda *_: pytest.fail("served"))
+    with pytest.raises(InputError, match=r"condition myopic: found other\.json .* wanted one\.json"):
+        play_command(**options, learned="other.json")
+    with pytest.raises(InputError, match="withdrawal: found 'keep', wanted 'delete', which was promised"):
+        play_command(**options, learned="one.json", withdrawal="keep")
+    (tmp_path / "text.txt").write_text("Another text.")
+    with pytest.raises(InputError, match="consent text: found another one now"):
+        play_command(**options, learned="one.json", consent="text.txt")
 
 
 @pytest.mark.parametrize(
@@ -24,7 +47,9 @@ from tests.analysis.play.cases import ROOT
         ({"out": "log.parquet"}, "ends in .csv"),
         ({"consent": "nowhere.txt"}, "--consent nowhere.txt: cannot be read"),
         ({"parameters": "nowhere.json"}, "nowhere.json: no such file"),
-        ({"layout": "nowhere"}, "nowhere"),
+        ({"layout": "nowhere"}, "--map: found 'nowhere', wanted a file with a map, or one of four_rooms"),
+        ({"schedule": ""}, "schedule: found '', wanted letters from"),
+        ({"schedule": "", "policy": ["always"]}, "schedule: found '', wanted letters from"),
         ({"learned": "nowhere.json"}, "nowhere.json"),
         ({"site": "ftp://x"}, "--site: found 'ftp://x'"),
         ({"site": "https://x/path"}, "--site"),

@@ -54,7 +54,7 @@ def test_a_held_key_goes_on_and_a_tap_comes_first():
 
 
 def test_who_never_saw_the_robot_trapped_did_not_refuse():
-    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": 1000})
+    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": SHORT.round_ticks - 1})
     live = LiveRound(Round(parameters=never, trapped="robot", seed=1), 0, "signal")
     play_to_the_end(live, True)
     assert (live.odd, live.shown, live.observation) == (UNTRAPPED, "no_signal", "missing")
@@ -112,7 +112,7 @@ def test_too_late_is_said_only_of_what_nobody_could_have_done(seed):
 
 def test_the_log_says_what_was_shown(opened, settings, tmp_path):
     """Nobody trapped, whatever the robot chose: no help, no signal, nothing learned of either, and a note."""
-    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": 1000})
+    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": SHORT.round_ticks - 1})
     with_help = settings.with_(policies=(always(PUBLISHED),), parameters=never)
     study = opened(with_help)
     token, person = study.agree()
@@ -138,7 +138,7 @@ def test_the_log_says_what_was_shown(opened, settings, tmp_path):
 def test_a_belief_is_not_moved_by_help_that_nobody_saw(opened, settings):
     """The robot's own memory, and one made again from the log, are those after `no_help`."""
     policy, _ = policy_by_name("myopic", calibrated_truth(), "RHR")
-    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": 1000})
+    never = SHORT.from_dict({**SHORT.to_dict(), "trap_tick": SHORT.round_ticks - 1})
     study = opened(settings.with_(policies=(policy,), schedule="RHR", parameters=never))
     token, person = study.agree()
     helping = LiveRound(Round(parameters=never, trapped="human", acts=True, seed=1), 0, "help")

@@ -1,18 +1,45 @@
 """What a study on the page is made of."""
 
+import hashlib
 import json
+from dataclasses import replace
 
 import pytest
 
+from analysis.play.event_rows import EventRows, Row
 from analysis.play.messages import BURST, Allowance, BadMessage, parse
-from analysis.play.robot_mind import NAMES, Decision, RobotMind, check_policy, policy_by_name
+from analysis.play.robot_mind import NAMES, Decision, RobotMind, check_policy, policy_by_name, source_of
 from analysis.simulate import calibrated_truth
 from models.errors import InputError
+from models.game.parameters import GameParameters
+from models.model_files import read_model
 from models.planning.baselines import ModePolicy, Reciprocal, never, uniformly_random
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Vocabulary
 from models.planning.policy_files import write_policy
 from models.protocol import PUBLISHED
+
+
+@pytest.mark.parametrize("first", [1, 2, 7])
+def test_groups_are_equal_from_the_first_person_on(two_policies, opened, first):
+    study = opened(two_policies.with_(first_participant=first))
+    for many in range(1, 13):
+        study.agree()
+        counts = [m.condition for m in study.journal.members.values()]
+        assert abs(counts.count("always") - counts.count("never")) == many % 2
+
+
+def test_a_number_of_somebody_else_makes_no_hole_in_a_block(two_policies, opened, tmp_path):
+    EventRows(tmp_path / "log.csv", "test").append(
+        Row("test", 2, "x", 0, 0, "robot_needs_help", "signal", "help", 9, 4, 5)
+    )
+    study = opened(two_policies)
+    people = [study.agree()[1] for _ in range(6)]
+    assert [p.participant for p in people] == [1, 3, 4, 5, 6, 7]
+    study.withdraw(people[0])
+    people += [study.agree()[1] for _ in range(4)]
+    met = [p.member.condition for p in people]
+    assert all(sorted(met[i : i + 2]) == ["always", "never"] for i in range(0, 10, 2))
 
 
 def test_people_are_assigned_in_equal_groups(two_policies):
@@ -53,6 +80,7 @@ def test_the_consent_text_states_the_rule(settings):
         ({"withdrawal": "perhaps"}, "one of delete, keep"),
         ({"seed": -1}, "seed: found -1"),
         ({"first_participant": -1}, "participant: found -1"),
+        ({"parameters": GameParameters(round_ticks=300, trap_tick=300)}, "trap_tick: found 300, wanted less than"),
     ],
 )
 def test_refused(settings, change, words):
@@ -82,6 +110,40 @@ def test_policy_files(tmp_path):
         policy_by_name("allways", calibrated_truth(), "HRH")
     with pytest.raises(InputError, match="no such file"):
         policy_by_name("nowhere.json", calibrated_truth(), "HRH")
+    for name in NAMES:
+        with pytest.raises(InputError, match="schedule: found ''"):
+            policy_by_name(name, calibrated_truth(), "")
+
+
+def test_where_a_policy_comes_from(tmp_path):
+    truth = calibrated_truth()
+    path = tmp_path / "plan.json"
+    write_policy(policy_by_name("exact plan", truth, "HRH")[0], path)
+    found = source_of(str(path), truth, "m.json")
+    assert (found.name, found.sha256) == ("plan.json", hashlib.sha256(path.read_bytes()).hexdigest())
+    own = source_of("ls-POMDP", truth, "folder/m.json")
+    assert own.name == "m.json"
+    (tmp_path / "copy.json").write_bytes(own.content)
+    assert source_of("myopic", read_model(tmp_path / "copy.json"), "copy.json").sha256 == own.sha256
+    other = replace(truth, emission=truth.emission[:, ::-1])
+    assert source_of("exact plan", other, "m.json").sha256 != own.sha256
+    for name in ("always", "never", "reactive", "random"):
+        assert source_of(name, truth, "m.json").sha256 == source_of(name, other, "x.json").sha256 == ""
+
+
+def test_a_posteriors_plan_drives_the_robot(tmp_path):
+    """What `prosocial robust --policy` writes for the mean and for the tail of a posterior."""
+    from models.model_draws import ModelDraws
+    from models.planning.mixed_policy import MixedPolicy
+    from models.planning.schedule import Schedule
+    from models.robust.cautious import cautious_plan
+
+    truth = calibrated_truth()
+    draws = ModelDraws.from_models([truth, replace(truth, transition=truth.transition[[1, 0, 3, 2]])])
+    believed = Schedule.of(draws, "HRHRH")
+    chosen = cautious_plan(believed, 0.5)
+    write_policy(MixedPolicy.of(believed, chosen.plans, chosen.share, "cautious"), tmp_path / "cautious.json")
+    assert policy_by_name(str(tmp_path / "cautious.json"), truth, "HRHRH")[0].name == "cautious"
 
 
 @pytest.mark.parametrize(
@@ -121,8 +183,6 @@ def test_the_mind_is_a_function_of_the_rounds(settings):
 
 
 def test_responses_that_the_model_takes_for_impossible_are_ignored():
-    from dataclasses import replace
-
     from models.planning.baselines import myopic
 
     truth = calibrated_truth()

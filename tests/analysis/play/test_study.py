@@ -1,5 +1,6 @@
 """A study without the network: records, resuming, withdrawal, what the log says, the lock."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from analysis.event_files import read_events
 from analysis.play.event_rows import EventRows, Row
 from analysis.play.log_lock import LogLock, folder_of
+from analysis.play.study_setup import RobotSource
 from models.errors import InputError
 from models.game.parameters import GameParameters
 from models.game.record import read_records, replay
@@ -124,10 +126,105 @@ def test_withdrawal(opened, settings, rule):
     if not kept:
         assert mentioned == [{"event": "withdrawn", "participant": 1, "rounds": 1, "rule": "delete"}]
     study.close()
-    again = opened(settings)
+    again = opened(settings.with_(withdrawal=rule))
     assert again.find(token) is None
-    assert (1 in again.log.rows) == kept, "what was promised holds, whatever the rule is now"
+    assert (1 in again.log.rows) == kept
     assert again.agree()[1].participant == 3
+
+
+@pytest.mark.parametrize(("promised", "now"), [("delete", "keep"), ("keep", "delete")])
+def test_what_was_promised_is_not_changed_by_a_restart(opened, settings, promised, now):
+    before, after = (settings.with_(withdrawal=rule) for rule in (promised, now))
+    study = opened(before)
+    study.close()
+    # Nobody has agreed: nothing was promised to anybody.
+    study = opened(after)
+    study.close()
+    study = opened(before)
+    token, person = study.agree()
+    play_to_the_end(study.begin(person), True)
+    study.finish(person)
+    study.close()
+    words = rf"setup\.json, withdrawal: found '{now}', wanted '{promised}', which was promised, or another log"
+    with pytest.raises(InputError, match=words):
+        opened(after)
+    (study.folder / "setup.json").rename(study.folder / "elsewhere.json")
+    with pytest.raises(InputError, match=rf"participant 1, withdrawal: found '{now}', wanted '{promised}'"):
+        opened(after)
+    (study.folder / "elsewhere.json").rename(study.folder / "setup.json")
+    study = opened(before)
+    # Whatever the settings say, a person gets what they were promised.
+    person = study.find(token)
+    object.__setattr__(study.settings, "withdrawal", now)
+    assert study.withdraw(person) == promised
+    assert (1 in study.log.rows) == (promised == "keep")
+    study.close()
+    with pytest.raises(InputError, match="which was promised"):
+        opened(after)
+
+
+def test_the_consent_text_is_stored_once_and_stays(opened, settings):
+    own = settings.with_(consent="You take part.\n\nIt is a game.")
+    study = opened(own)
+    study.agree()
+    study.agree()
+    study.close()
+    stored = json.loads((study.folder / "setup.json").read_text())
+    digest = hashlib.sha256(b"You take part.\n\nIt is a game.").hexdigest()
+    assert (stored["consent"], stored["consent_sha256"]) == ("You take part.\n\nIt is a game.", digest)
+    assert stored["withdrawal"] == "delete"
+    for line in study.journal.path.read_text().splitlines():
+        assert json.loads(line)["setup"]["consent_sha256"] == digest
+    # Layout of the file is not the text.
+    opened(settings.with_(consent="You take\npart. \n\nIt is a game.\n")).close()
+    with pytest.raises(InputError, match=rf"consent text: found another one now .* wanted the one .*{digest[:12]}"):
+        opened(settings)
+    stored["consent"] = "Something else."
+    (study.folder / "setup.json").write_text(json.dumps(stored))
+    with pytest.raises(InputError, match="found a text of another digest"):
+        opened(own)
+    (study.folder / "setup.json").write_text("[]")
+    with pytest.raises(InputError, match=r"setup\.json: found something else"):
+        opened(own)
+
+
+def test_a_consent_of_before_promises_were_stored_is_not_guessed_at(opened, settings):
+    study = opened(settings)
+    study.agree()
+    study.close()
+    (study.folder / "setup.json").unlink()
+    line = json.loads(study.journal.path.read_text())
+    del line["setup"]["withdrawal"], line["setup"]["consent_sha256"]
+    study.journal.path.write_text(json.dumps(line) + "\n")
+    with pytest.raises(InputError, match="which is not recorded here"):
+        opened(settings)
+
+
+def test_a_condition_keeps_its_robot(opened, settings, two_policies):
+    first, other = (RobotSource("model.json", text) for text in (b"one", b"other"))
+    with_first = settings.with_(robots={"reactive": first})
+    study = opened(with_first)
+    token, _ = study.agree()
+    study.close()
+    stored = json.loads((study.folder / "setup.json").read_text())["robots"]["reactive"]
+    assert stored == {"name": "model.json", "sha256": first.sha256, "file": first.copy}
+    assert (study.folder / first.copy).read_bytes() == b"one"
+    words = (
+        rf"robot of the condition reactive: found model\.json \(SHA-256 {other.sha256[:12]}.*{first.sha256[:12]}"
+    )
+    with pytest.raises(InputError, match=words):
+        opened(settings.with_(robots={"reactive": other}))
+    with pytest.raises(InputError, match="found a rule without a model now"):
+        opened(settings.with_(robots={"reactive": RobotSource()}))
+    # The same content under another name is the same robot; other conditions may come in.
+    both = settings.with_(
+        policies=(*settings.policies, *two_policies.policies),
+        robots={"reactive": RobotSource("moved.json", b"one"), "always": RobotSource(), "never": RobotSource()},
+    )
+    study = opened(both)
+    assert study.find(token) is not None
+    study.agree()
+    assert set(json.loads((study.folder / "setup.json").read_text())["robots"]) == {"reactive", "always", "never"}
 
 
 def test_a_deletion_that_was_cut_short_is_finished(opened, settings, monkeypatch):

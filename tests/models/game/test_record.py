@@ -114,6 +114,28 @@ def test_a_forged_outcome_or_move_is_found():
         list(replay(RoundRecord.from_dict(content)))
 
 
+def test_a_record_holds_what_was_played_and_nothing_else():
+    """A parameter that is absent would take whatever is the default on the day; the digest is made anew here."""
+    for name in record(Round()).parameters.to_dict():
+        content = record(Round()).to_dict()
+        del content["parameters"][name]
+        content["digest"] = content_digest(content)
+        with pytest.raises(InputError, match=rf"here, parameters, {name}: found nothing, wanted the value"):
+            RoundRecord.from_dict(content, "here")
+    assert RoundRecord.from_dict(CONTENT).to_dict().keys() == CONTENT.keys()
+    content = {**record(Round()).to_dict(), "comment": "mine"}
+    content["digest"] = content_digest(content)
+    with pytest.raises(InputError, match="here, entry: found 'comment', wanted one of format, version"):
+        RoundRecord.from_dict(content, "here")
+
+
+@pytest.mark.parametrize("text", ["", "\n \n"])
+def test_a_file_without_a_round_is_refused(tmp_path, text):
+    (tmp_path / "rounds.jsonl").write_text(text)
+    with pytest.raises(InputError, match=r"rounds\.jsonl: found no round, wanted at least one"):
+        read_records(tmp_path / "rounds.jsonl")
+
+
 def test_broken_files_are_named(tmp_path):
     path = tmp_path / "rounds.jsonl"
     with pytest.raises(InputError, match=r"rounds\.jsonl: found No such file"):

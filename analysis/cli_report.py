@@ -72,6 +72,8 @@ def report_command(
 
     Every table and figure is also a file under parts/ (--no-parts: none of them).
 
+    An analysis plan has title, date and [[planned]] tables, each with results = [keys of parts/index.csv] and why.
+
     Example: prosocial report --data frd2012 --states 2-4 --out reports/build/frd2012
     """
     if compare is not None:

@@ -67,7 +67,7 @@ def safeguard_command(
     ] = 0.0,
     fallback: Annotated[
         list[str] | None,
-        typer.Option(metavar="MODE=ACTION", help="Without consent; the null action where nothing is said."),
+        typer.Option(metavar="MODE=ACTION", help="Without consent; null actions where nothing is said."),
     ] = None,
     draws: DrawsOption = None,
     discount: Annotated[float, typer.Option(help="From 0 to 1.")] = 1.0,
@@ -106,23 +106,33 @@ def safeguard_command(
             raise located(option, value, "a number of at least 0")
     if confidence is not None and not 0 <= confidence < 1:
         raise located("--confidence", confidence, "a probability from 0 to below 1")
-    wanted = Wanted(budget, expected_cost, tolerance, confidence, margin, fallbacks(fallback), count)
+    if not 0 <= margin < float("inf"):
+        raise located("--margin", margin, "a number of at least 0")
+    asked = any(x is not None for x in (budget, expected_cost, tolerance))
+    if margin > 0 and confidence is None and asked:
+        raise located("--margin", margin, "--confidence with it: it is by how much an action must pay")
+    acts = fallbacks(fallback)
     source = draws_asked(
         fit, draws=draws, allow_unseen=allow_unseen, force=force, group=group, person=person, people=True, r=r,
         cost_help=cost_help, cost_signal=cost_signal, cost=cost, protocol=protocol,
     )  # fmt: skip
     known = Schedule.of(source.draws, schedule, discount)
+    letters = {m.letter: m.name for m in known.protocol.modes}
+    acts = fallbacks([f"{letters.get(mode, mode)}={action}" for mode, action in acts.items()])
+    wanted = Wanted(budget, expected_cost, tolerance, confidence, margin, acts, count)
     clock = WorkClock()
     with progress.shown(quiet) as watch:
         study = safeguard_study(known, wanted, progress=watch)
     seconds = clock.wall()
+    if policy is not None:
+        # Before all that is said: whoever reads a few lines only may end the command.
+        from models.planning.policy_files import write_policy
+
+        write_policy(study.guarded, policy)
     report.say(f"{source.sentence}. Schedule {known.letters}, discount {known.discount:g}.")
     for line in lines(study):
         report.say(line)
     if policy is not None:
-        from models.planning.policy_files import write_policy
-
-        write_policy(study.guarded, policy)
         report.say(f"{study.guarded.name} is in {policy}.")
     report.finish(
         plain({

@@ -33,6 +33,7 @@ from models.errors import InputError, Phrase, located
 
 if TYPE_CHECKING:
     from analysis.draws_source import DrawsSource
+    from analysis.progress import Progress
     from analysis.sensitivity import SensitivityStudy
     from analysis.sensitivity_variants import Beside
     from models.sensitivity.flips import Flips
@@ -67,7 +68,12 @@ def sensitivity_command(
         typer.Option("--stored", help="Also beside: stored fits of the same data, other states and priors."),
     ] = False,
     endless_draws: Annotated[
-        int, typer.Option(metavar="N", help="Evenly spaced draws asked without a horizon.")
+        int,
+        typer.Option(
+            metavar="N",
+            help="Evenly spaced draws asked without a horizon; a quarter of them about flips, a fifth about "
+            "certainty of a state.",
+        ),
     ] = 100,
     draws: DrawsOption = None,
     r: RewardSteepness = None,
@@ -87,7 +93,8 @@ def sensitivity_command(
 
     The steps are the protocol's modes in order, from the model's own initial belief. Options of the reward (--r,
     --cost-help, ...) set what stays fixed where something else is varied. Without a horizon a decision is made only
-    where bounds prove it; else it is undecided. Nothing is random, whatever the seed.
+    where bounds prove it; else it is undecided. Nothing is random, whatever the seed. The first run on a machine
+    compiles, which takes minutes.
 
     Example: prosocial sensitivity model.json --r-grid .04,.06,.08
     """
@@ -106,7 +113,7 @@ def sensitivity_command(
     if endless_draws < 1:
         raise located("--endless-draws", endless_draws, "at least 1")
     grids = [
-        None if text is None else _numbers(option, text, 0.0 if option == "--cost-grid" else None)
+        None if text is None else _numbers(option, text)
         for option, text in (("--r-grid", r_grid), ("--cost-grid", cost_grid))
     ]
     asked = draws_asked(
@@ -114,12 +121,17 @@ def sensitivity_command(
         cost_help=cost_help, cost_signal=cost_signal, cost=cost, protocol=protocol,
     )  # fmt: skip
     others = _others(asked, beside or [], stored, draws, protocol, allow_unseen=allow_unseen, force=force)
-    effort = SensitivityEffort(endless_draws=endless_draws)
+    effort = SensitivityEffort(
+        endless_draws=endless_draws, endless_variants=endless_draws,
+        endless_critical=min(endless_draws, max(2, -(-endless_draws // 4))),
+        endless_certain=min(endless_draws, max(2, -(-endless_draws // 5))),
+    )  # fmt: skip
     clock = WorkClock()
     with progress.shown(quiet) as watch:
+        told = None if watch is None else _after_compiling(watch)
         study = sensitivity_study(
             asked.draws, r=grids[0], costs=grids[1], readings=readings, discount=discount, beside=others,
-            scores=game_scores(asked.draws.n_states), effort=effort, progress=watch,
+            scores=game_scores(asked.draws.n_states), effort=effort, progress=told,
         )  # fmt: skip
     seconds = clock.wall()
     report.say(f"{asked.sentence}. {_discounts(study)}")
@@ -131,13 +143,25 @@ def sensitivity_command(
     })  # fmt: skip
 
 
-def _numbers(option: str, text: str, least: float | None) -> tuple[float, ...]:
+def _after_compiling(watch: Progress) -> Progress:
+    """Progress that says at once what the first minutes may go by with."""
+    first = "compiling, the first time on a machine"
+    watch(first, 0, 1)
+
+    def told(step: str, done: int, total: int) -> None:
+        watch(first, 1, 1)
+        watch(step, done, total)
+
+    return told
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
     """Numbers of a list such as ``.04,.06``, each once.
 
     Raises
     ------
     InputError
-        On what is no number, one that is named twice, or one that is too small.
+        On what is no number, one that is named twice, or one below 0.
     """
     out: list[float] = []
     for part in text.split(","):
@@ -147,8 +171,8 @@ def _numbers(option: str, text: str, least: float | None) -> tuple[float, ...]:
             raise located(option, part.strip(), "numbers with commas between them") from None
         if not -1e308 < value < 1e308:
             raise located(option, part.strip(), "finite numbers")
-        if least is not None and value < least:
-            raise located(option, value, f"numbers of at least {least:g}")
+        if value < 0:
+            raise located(option, value, "numbers of at least 0")
         if value in out:
             raise located(option, part.strip(), "every number once")
         out.append(value)
@@ -248,13 +272,22 @@ def _lines(study: SensitivityStudy) -> list[str]:
     from analysis.sensitivity import READING_WORDS
     from analysis.sensitivity_variants import CURRENCIES
 
-    out: list[str] = []
+    out = [
+        f"Where cost_{axis.name} is varied, {' and '.join(axis.actions)} cost the same."
+        for axis in study.grid.axes if len(axis.actions) > 1
+    ]  # fmt: skip
     for reading, found in study.maps.items():
         asked = "" if found.n_draws == 1 else f", {found.n_draws:,} draws"
         out += ["", f"{READING_WORDS[reading].capitalize()} (--reading {reading}){asked}:"]
         for k in range(found.n_steps):
             out += _map_lines(found, k)
-        out += [f"  flips: {f.sentence}" for f in study.critical if f.reading == reading and len(f.draw)]
+        own = [f for f in study.critical if f.reading == reading]
+        out += [f"  flips: {f.sentence}" for f in own if len(f.draw)]
+        none = dict.fromkeys(
+            f"{f.parameter} {f.scan[0]:g} to {f.scan[-1]:g}"
+            for f in own if not any(len(g.draw) for g in own if g.parameter == f.parameter)
+        )  # fmt: skip
+        out += [f"  no flip of any step: {', '.join(none)}"] if none else []
     out += ["", _missed(study)]
     if study.findings:
         out += ["", "Printed in the paper, and found here:"]
@@ -284,6 +317,8 @@ def _missed(study: SensitivityStudy) -> str:
 
 def _map_lines(found: GridDecisions, k: int) -> list[str]:
     """One line a value of `r`: in how many cells most draws act, and where that is a toss."""
+    from models.sensitivity.reward_grid import ENOUGH
+
     nodes = found.answers.nodes
     mode = nodes.protocol.modes[nodes.modes[k]]
     rows = [row for row in found.rows() if row["k"] == k]
@@ -299,8 +334,10 @@ def _map_lines(found: GridDecisions, k: int) -> list[str]:
         ]
         line += f" ({', '.join(paid)})" if paid else ""
         if found.n_draws > 1:
-            toss = sum(row["verdict"] in ("coin toss", "undecided") for row in own)
-            line += f"; least sure cell {min(row['share'] for row in own):.0%}, {toss} a toss"
+            line += f"; least agreed on {min(own, key=lambda row: row['share'])['agree']}"
+            if found.n_draws >= ENOUGH:
+                toss = sum(row["verdict"] in ("coin toss", "undecided") for row in own)
+                line += f", {toss} a toss"
         elif any(row["action"] == "undecided" for row in own):
             line += f"; {sum(row['action'] == 'undecided' for row in own)} undecided"
         out.append(line)
@@ -312,13 +349,22 @@ def _variant_lines(rows: tuple[dict[str, Any], ...]) -> list[str]:
     out = []
     for reading, k in dict.fromkeys((row["reading"], row["k"]) for row in rows):
         own = [row for row in rows if (row["reading"], row["k"]) == (reading, k)]
+        asked = {row["draws"] for row in own}
+        same = len(asked) == 1
         parts = []
         for action in dict.fromkeys(row["action"] for row in own):
             names = [
-                row["variant"] + ("" if row["draws"] == 1 else f" {row['share']:.0%}")
+                row["variant"] + ("" if row["draws"] == 1 else f" {_agree(row, same)}")
                 for row in own if row["action"] == action
             ]  # fmt: skip
-            everywhere = len(names) == len(own) and all(row["draws"] == 1 for row in own)
+            everywhere = len(names) == len(own) and asked == {1}
             parts.append(f"{action}: {'all of them' if everywhere else ', '.join(names)}")
-        out.append(f"  {reading}, step {k}: {'; '.join(parts)}")
+        among = f" ({own[0]['draws']:,} draws)" if same and asked != {1} else ""
+        out.append(f"  {reading}, step {k}{among}: {'; '.join(parts)}")
     return out
+
+
+def _agree(row: dict[str, Any], counted: bool) -> str:
+    """The share behind an action, without the number of draws where that stands in front."""
+    text = str(row["agree"])
+    return text.removesuffix(f" of {row['draws']:,} draws") if counted else text

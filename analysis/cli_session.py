@@ -61,8 +61,8 @@ def session_command(
     """Run a policy as a robot would: modes (names or letters) and responses in, actions and reasons out.
 
     One command a line: a mode; then `RESPONSE`, `missing`, or `RESPONSE performed ACTION` if something else was
-    done than decided (after a mode that shows no response the next mode may follow at once); `withdraw`, `undo`,
-    `hash`, `help`, `quit`. In a pipe every line is answered by one line, and lines that cannot be used by
+    done than decided (after a mode that shows no response the next mode may follow at once); `withdraw`, `hash`,
+    `help`, `quit`. In a pipe every line is answered by one line, and lines that cannot be used by
     `refused: ...`; exit status 2 if there was one. A session that was killed goes on with --restore.
 
     Example: prosocial session policy.json --log person-7.log --budget 45
@@ -146,6 +146,8 @@ def _with_budget(
 
     if protocol is None:
         raise located("--budget", budget, "--protocol FILE.toml with it: nothing says what actions cost")
+    if not 0 <= budget < float("inf"):
+        raise located("--budget", budget, "a finite number from 0 on")
     charges = {**protocol.costs, **{name: value for name, value in costs_of(cost).items() if value is not None}}
     limit = CostBudget.of(protocol, budget, charges)
     if isinstance(policy, Guarded):

@@ -81,7 +81,7 @@ class DrawsSource:
             some += f" of {self.available:,}, evenly spaced"
         if self.kinds > 1:
             some += f", {self.kinds} kinds of people in each"
-        kind = "weighted models" if self.fit is None else "posterior"
+        kind = ("one model" if self.available == 1 else "weighted models") if self.fit is None else "posterior"
         return f"{self.path} ({kind}): {some}, {counted(d.n_states, 'state')}"
 
     @property

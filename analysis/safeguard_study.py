@@ -101,7 +101,8 @@ class SafeguardStudy:
     tolerance, threshold : Steps or None
         The best plan under minimum influence, and under confidence where there are several draws.
     guarded : Guarded
-        The policy for the robot: the best one within the limits asked for, with all safeguards.
+        The policy for the robot, with all safeguards: the best one within the expected cost if that is limited,
+        else within the budget. Where both are limited it does not plan for the budget, which stops it.
     """
 
     schedule: Schedule
@@ -133,6 +134,11 @@ class SafeguardStudy:
         if self.wanted.expected_cost is not None:
             limit, worth = self.wanted.expected_cost, self.frontier.value_at(self.wanted.expected_cost)
             out.append(f"With an expected cost of at most {limit:g} the best value is {worth:.4g}.")
+            if self.wanted.budget is not None:
+                out.append(
+                    f"The robot's policy is the best one within the expected cost; the budget of "
+                    f"{self.wanted.budget:g} stops it and is not planned for."
+                )
         out += [_capital(s.sentence) for s in (self.tolerance, self.threshold) if s is not None]
         return out
 

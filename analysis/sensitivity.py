@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ from models.sensitivity.few_steps import TWO_STEP, TWO_STEP_TERMINAL, FewSteps
 from models.sensitivity.flips import Flips, find_flips
 from models.sensitivity.moving import moving, ranges
 from models.sensitivity.reward_grid import (
+    ENOUGH,
     GridDecisions,
     RewardGrid,
     decide_grid,
@@ -66,7 +67,8 @@ class SensitivityEffort:
     endless_variants, endless_critical, endless_certain : int
         For variants, for critical values, and for decisions at certainty of a state, without a horizon.
     few_draws, few_critical : int, optional
-        For the grid and for the critical values in the two-step readings; all by default.
+        For the grid and variants, and for the critical values in the two-step readings; all by default. Variants
+        have as many draws as the grid, so that one question has one answer wherever it is asked.
     scan, endless_scan : int
         Points at which critical values are looked for first: exact readings and single models, and draws without a
         horizon.
@@ -151,8 +153,9 @@ class SensitivityStudy:
                 acts = sum(row["action"] not in (null, "undecided") for row in own)
                 toss = sum(row["verdict"] in ("coin toss", "undecided") for row in own)
                 text = f"step {k} acts in {acts} of {len(own)} cells"
-                steps.append(text + (f" ({toss} a toss)" if found.n_draws > 1 else ""))
-            parts.append(f"{READING_WORDS[reading]}: {', '.join(steps)}")
+                steps.append(text + (f" ({toss} a toss)" if found.n_draws >= ENOUGH else ""))
+            asked = f" ({found.n_draws:,} draws)" if found.n_draws > 1 else ""
+            parts.append(f"{READING_WORDS[reading]}{asked}: {', '.join(steps)}")
         return "; ".join(parts) + "."
 
 
@@ -341,12 +344,9 @@ class _Work:
                 asked = g if variant.discount is None else variant.discount
                 if reading == INFINITE and asked >= 1:
                     continue
-                count = self.effort.endless_variants if reading == INFINITE else self.effort.few_critical
+                count = self.effort.endless_variants if reading == INFINITE else self.effort.few_draws
                 own = variant.draws if count is None else variant.draws.thin(count)
-                one = replace(RewardGrid.of(own), base=variant.reward)
-                reward = variant.reward
-                costs = tuple((reward.costs.get(a.actions[0], own.protocol.costs[a.actions[0]]),) for a in one.axes)
-                cell = RewardGrid(own.protocol, reward, (reward.r,), costs)
+                cell = RewardGrid.point(own.protocol, variant.reward)
                 found = decide_grid(decider_of(reading, own, executor=self.executor), cell, asked)
                 rows += variant_table(variant, found)
             if told is not None:

@@ -1,20 +1,30 @@
 """The paper's three findings about its sensitivity analysis, each decided by a number that is written down first.
 
 The paper says *dominant*, *more likely*, *especially*, *sensitive* without saying how they were measured. Here each
-word has a measure of its own, taken over the same grid. A measure is worked out in every draw; the verdict goes by
-its mean over the draws, and beside it stands the share of the draws in which it holds.
+word has a measure of its own, taken over the same grid. A measure is worked out in every draw. What the draws say
+of a finding is the share of them in which it holds: a mean over the draws may pass a threshold that hardly any of
+them passes, or the other way round. Undecided cells count half, and where they might turn a verdict there is none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from models.sensitivity.cases import Array
-from models.sensitivity.reward_grid import GridDecisions
+from models.sensitivity.reward_grid import (
+    ENOUGH,
+    ENOUGH_TO_BE_SURE,
+    FEW_DRAWS,
+    ROUNDING,
+    SURE,
+    GridDecisions,
+    evenly,
+    of_draws,
+)
 
 HELP, SIGNAL = "help", "signal"
 
@@ -70,6 +80,10 @@ class Finding:
     share : float or None
         Share of the draws, by weight, in which everything that decides holds.
     draws : int
+    even : bool
+        Whether all draws weigh the same.
+    undecided : bool
+        Whether any cell is, in any draw.
     """
 
     key: str
@@ -78,33 +92,62 @@ class Finding:
     measures: tuple[Measure, ...]
     share: float | None
     draws: int
+    even: bool = True
+    undecided: bool = False
 
     @property
     def verdict(self) -> str:
-        """``holds``, ``holds in part``, ``does not hold`` or ``cannot be told``."""
+        """Of the mean over the draws: ``holds``, ``holds in part``, ``does not hold`` or ``cannot be told``.
+
+        Of one model that is all there is to say; of several draws `over_draws` says what they come to.
+        """
         told = [m.holds for m in self.measures if m.decides]
         if any(holds is None for holds in told) or not told:
             return "cannot be told"
         return "holds" if all(told) else "holds in part" if any(told) else "does not hold"
 
     @property
+    def over_draws(self) -> str:
+        """Verdict of one model; of several draws whether nearly all agree, by `share`.
+
+        ``holds``, ``does not hold`` (at least 95% of the draws agree), ``open``, ``cannot be told``, or ``too few
+        draws``.
+        """
+        if self.draws == 1 or self.share is None:
+            return self.verdict if self.draws == 1 else "cannot be told"
+        agree = max(self.share, 1 - self.share) >= SURE - ROUNDING
+        if self.draws < (ENOUGH_TO_BE_SURE if agree else ENOUGH):
+            return FEW_DRAWS
+        return "open" if not agree else "holds" if self.share > 0.5 else "does not hold"
+
+    @property
+    def holds_in(self) -> str:
+        """In how many draws it holds; of one model its verdict."""
+        if self.draws == 1 or self.share is None:
+            return self.over_draws
+        return of_draws(self.share, self.draws, self.even)
+
+    @property
     def sentence(self) -> str:
-        """Verdict and the measures behind it."""
+        """In how many draws it holds, or the verdict of one model, and the measures behind it."""
         parts = []
         for m in self.measures:
             value = m.value if isinstance(m.value, str) else f"{m.value:.3g}"
             parts.append(f"{m.name}: {value}" + ("" if m.decides else " (beside)"))
-        text = f"{self.verdict}: {'; '.join(parts)}"
-        if self.draws > 1 and self.share is not None:
-            text += f"; in {self.share:.0%} of the draws"
-        return f"{text}."
+        if self.draws == 1 or self.share is None:
+            text = f"{self.over_draws}: {'; '.join(parts)}."
+        else:
+            text = f"holds in {self.holds_in}. Means over the draws: {'; '.join(parts)}."
+        return text + (" Undecided cells count half." if self.undecided else "")
 
     def to_dict(self) -> dict[str, Any]:
         """The finding as commands give it in their JSON."""
         return {
-            "finding": self.key, "printed": self.printed, "reading": self.reading, "verdict": self.verdict,
-            "holds": {"holds": True, "cannot be told": None}.get(self.verdict, False), "share": self.share,
-            "draws": self.draws, "measures": [vars(m) for m in self.measures], "sentence": self.sentence,
+            "finding": self.key, "printed": self.printed, "reading": self.reading, "verdict": self.over_draws,
+            "verdict_of_mean": self.verdict,
+            "holds": {"holds": True, "holds in part": False, "does not hold": False}.get(self.over_draws),
+            "share": self.share, "draws": self.draws, "measures": [vars(m) for m in self.measures],
+            "undecided": self.undecided, "sentence": self.sentence,
         }  # fmt: skip
 
 
@@ -127,13 +170,30 @@ def check_findings(
     out: list[Finding] = []
     for reading, found in maps.items():
         if tuple(a.name for a in found.grid.axes) == (HELP, SIGNAL):
-            table = _Table.of(found)
+            half, never, always = (_checked(found, certain[reading], way) for way in (0.5, 0.0, 1.0))
+            undecided = bool((found.answers.choice < 0).any())
             out += [
-                _helping(reading, table),
-                _signalling(reading, table),
-                _contrast(reading, table, certain[reading]),
+                replace(_agreed(own, *others), undecided=undecided)
+                for own, *others in zip(half, never, always, strict=True)
             ]
     return tuple(out)
+
+
+def _checked(found: GridDecisions, certain: Sequence[Array], undecided: float) -> tuple[Finding, ...]:
+    """The findings of one reading, undecided cells counted as that much of an action."""
+    table = _Table.of(found, undecided)
+    reading = found.reading
+    return _helping(reading, table), _signalling(reading, table), _contrast(reading, table, certain)
+
+
+def _agreed(own: Finding, *others: Finding) -> Finding:
+    """A finding without the verdicts that undecided cells might turn: those that others do not share."""
+    measures = []
+    for i, m in enumerate(own.measures):
+        same = all(other.measures[i].holds == m.holds for other in others)
+        measures.append(m if same else replace(m, holds=None, share=None))
+    shared = all(other.over_draws == own.over_draws for other in others)
+    return replace(own, measures=tuple(measures), share=own.share if shared else None)
 
 
 @dataclass(frozen=True)
@@ -149,13 +209,13 @@ class _Table:
     shape: tuple[int, ...]
 
     @classmethod
-    def of(cls, found: GridDecisions) -> _Table:
+    def of(cls, found: GridDecisions, undecided: float = 0.5) -> _Table:
         r = np.array([r for r, _ in found.grid.cells])
         costs = np.array([c for _, c in found.grid.cells])
         first, second = (a.mode for a in found.grid.axes)
-        return cls(
-            r, costs[:, 0], costs[:, 1], found.acting(first), found.acting(second), found.weight, found.grid.shape
-        )
+        # `acting` counts what is open half.
+        helps, signals = (found.acting(k) + (undecided - 0.5) * found.by_draw(k)[..., -1] for k in (first, second))
+        return cls(r, costs[:, 0], costs[:, 1], helps, signals, found.weight, found.grid.shape)
 
     def mean(self, values: Array) -> float:
         """Mean over the draws in which a measure is defined; nan if there are none."""
@@ -194,7 +254,7 @@ def _helping(reading: str, t: _Table) -> Finding:
         ("the same without cells in which helping is free", without_free, False),
     ):
         mean = np.array([t.mean(row) for row in table])
-        told = ", ".join(f"{m:.2f} at r {r:g}" for r, m in zip(steep.tolist(), mean.tolist(), strict=True))
+        told = ", ".join(f"{m:.3g} at r {r:g}" for r, m in zip(steep.tolist(), mean.tolist(), strict=True))
         own = ((table > 0.5) == asked[:, None]).all(axis=0)
         known = bool(asked.any() and not asked.all() and np.isfinite(mean).all())
         measures.append(
@@ -205,7 +265,9 @@ def _helping(reading: str, t: _Table) -> Finding:
         )  # fmt: skip
     first = _first_dominant(steep, np.array([t.mean(row) for row in dominance]))
     measures.append(Measure("dominant from", f"r {DOMINANT_FROM:g}", first, None, None, False))
-    return Finding("helping", PRINTED["helping"], reading, tuple(measures), measures[0].share, len(t.weight))
+    return Finding(
+        "helping", PRINTED["helping"], reading, tuple(measures), measures[0].share, len(t.weight), evenly(t.weight)
+    )  # fmt: skip
 
 
 def _first_dominant(steep: Array, mean: Array) -> str:
@@ -228,7 +290,8 @@ def _signalling(reading: str, t: _Table) -> Finding:
     paid = [_highest_paid(t, r) for r in (steep[0], steep[-1])] if len(steep) > 1 else [nothing, nothing]
     rows = [
         t.measure(
-            "signals after helping more often than after not helping, by", "above 0, over the cells of the grid",
+            "signals more often in the cells of the grid in which it helped than in those in which it did not, by",
+            "above 0; cells in which it helped have higher r and lower costs, too",
             after, _above_zero,
         ),
         t.measure(
@@ -249,10 +312,25 @@ def _signalling(reading: str, t: _Table) -> Finding:
             t.mean(inside), None, None, False,
         )
     )  # fmt: skip
+    alike, _ = t.measure(
+        "the first at the same r and cost of a signal, where some costs of helping are paid and others are not, by",
+        "above 0", _at_the_same(t), _above_zero, False,
+    )  # fmt: skip
+    measures.append(alike)
     return Finding(
         "signalling", PRINTED["signalling"], reading, tuple(measures), t.share(every) if known else None,
-        len(t.weight),
+        len(t.weight), evenly(t.weight),
     )  # fmt: skip
+
+
+def _at_the_same(t: _Table) -> Array:
+    """How much more often each draw signals after helping, over pairs of `r` and cost of a signal with both."""
+    rows = []
+    for r, cost in sorted({*zip(t.r.tolist(), t.cost_signal.tolist(), strict=True)}):
+        here = (t.r == r) & (t.cost_signal == cost)
+        rows.append(_weighted(t.signal[here], t.help[here]) - _weighted(t.signal[here], 1.0 - t.help[here]))
+    table = np.stack(rows)
+    return _weighted(np.nan_to_num(table), np.isfinite(table).astype(float))
 
 
 def _highest_paid(t: _Table, r: float) -> Array:
@@ -269,8 +347,10 @@ def _contrast(reading: str, t: _Table, certain: Sequence[Array]) -> Finding:
     steep, helps, signals = t.shape
     help_by = t.help.reshape(steep, helps, signals, n)
     signal_by = t.signal.reshape(steep, helps, signals, n)
-    cost_help = np.ptp(help_by, axis=1).mean(axis=(0, 1))
-    cost_signal = np.ptp(signal_by, axis=2).mean(axis=(0, 1))
+    cost_help, cost_signal = _moved(help_by, 1), _moved(signal_by, 2)
+    charged = [c.reshape(t.shape) > 0 for c in (t.cost_help, t.cost_signal)]
+    paid_help = _moved(help_by[:, charged[0][0, :, 0]], 1)
+    paid_signal = _moved(signal_by[:, :, charged[1][0, 0]], 2)
     own = certain[0].shape[2]
     keep = np.floor((np.arange(own) + 0.5) * n / own).astype(int)
     state_help, state_signal = (np.ptp(c, axis=0).mean(axis=0) for c in certain)
@@ -279,14 +359,26 @@ def _contrast(reading: str, t: _Table, certain: Sequence[Array]) -> Finding:
         f"share of the grid's lines on which its own cost changes whether it signals ({t.mean(cost_signal):.2f}), "
         f"less the same of helping ({t.mean(cost_help):.2f})", "above 0", cost_signal - cost_help, _above_zero,
     )  # fmt: skip
+    paid, _ = t.measure(
+        f"the same without cells in which the action is free ({t.mean(paid_signal):.2f}, {t.mean(paid_help):.2f})",
+        "above 0", paid_signal - paid_help, _above_zero, False,
+    )  # fmt: skip
     states, by_state = some.measure(
         "share of the cells (r by own cost) in which certainty of one state or another changes whether it signals "
         f"({some.mean(state_signal):.2f}), less the same of helping ({some.mean(state_help):.2f})",
         "above 0", state_signal - state_help, _above_zero,
     )  # fmt: skip
     return Finding(
-        "contrast", PRINTED["contrast"], reading, (costs, states), some.share(by_cost[keep] & by_state), own
+        "contrast", PRINTED["contrast"], reading, (costs, paid, states), some.share(by_cost[keep] & by_state), own,
+        evenly(t.weight),
     )  # fmt: skip
+
+
+def _moved(acts: Array, axis: int) -> Array:
+    """How much an action moves along its own cost, mean over the lines; nan where fewer than two costs are left."""
+    if acts.shape[axis] < 2:
+        return np.full(acts.shape[-1], np.nan)
+    return np.asarray(np.ptp(acts, axis=axis).mean(axis=(0, 1)))
 
 
 def _weighted(values: Array, weight: Array) -> Array:

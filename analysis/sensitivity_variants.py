@@ -102,7 +102,7 @@ def table(variant: Variant, found: GridDecisions) -> list[dict[str, Any]]:
             "variant": variant.name, "value": variant.value, "reading": found.reading, "discount": found.discount,
             "states": variant.draws.n_states, "x": list(variant.reward.x), "k": row["k"], "mode": row["mode"],
             "action": row["action"], "share": row["share"], "shares": row["shares"], "verdict": row["verdict"],
-            "draws": found.n_draws,
+            "agree": row["agree"], "draws": found.n_draws,
         }
         for row in found.rows()
     ]  # fmt: skip

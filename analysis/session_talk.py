@@ -17,7 +17,7 @@ from models.safeguards.consent import Consent
 
 PERFORMED = "performed"
 
-COMMANDS = ("withdraw", "undo", "hash", "help", "quit")
+COMMANDS = ("withdraw", "hash", "help", "quit")
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,9 @@ class Talk:
         mode = self.letters.get(words[0].upper(), words[0])
         if awaited is None and mode in self.modes and len(words) == 1:
             if pending is not None:
-                # The last mode showed nothing, so there was nothing to say about it.
+                # The last mode showed nothing, so there was nothing to say about it. Unless the next mode can be
+                # used the event is not over: what was really done can still be told.
+                self.session.check(mode)
                 self.session.observe()
             return self._decided(self.session.act(mode))
         if pending is None and PERFORMED not in words:

@@ -93,7 +93,12 @@ def data_side(
     InputError
         On what cannot be read, unknown conditions or actions.
     """
-    dataset = datasets.load(name) if protocol is None else datasets.load(name, protocol)
+    if Path(name).suffix.lower() == ".json":
+        raise located(f"--compare, {label}", name, "a data set, an event file or a fit (.nc)")
+    try:
+        dataset = datasets.load(name) if protocol is None else datasets.load(name, protocol)
+    except InputError as error:
+        raise InputError(f"--compare, {label}: {error}") from None
     chosen = select(dataset, condition, states, pins)
     log = chosen.log
     study = fit(log, chosen.states, dict.fromkeys(chosen.pins))

@@ -60,7 +60,8 @@ class ModelDraws:
             if getattr(self, name).shape != shape:
                 raise located(f"model draws, shape of {name}", getattr(self, name).shape, str(shape))
         if np.any(~(self.weight >= 0)) or abs(self.weight.sum() - 1) > 1e-9:
-            raise located("model draws, sum of weights", f"{self.weight.sum():.10g}", "non-negative, sum 1")
+            wanted = "non-negative weights that sum to 1 (key weight of every model; divide each by the sum)"
+            raise located("model draws, sum of weights", round(float(self.weight.sum()), 10), wanted)
         for name in ("initial", "transition", "emission"):
             table = getattr(self, name)
             rows = table.reshape(-1, table.shape[-1])

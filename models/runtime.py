@@ -280,6 +280,27 @@ class Session:
         self._course.observed(outcome)
         self._half_done = False
 
+    def check(self, mode: int | str, response: str | None = None, performed: str | None = None) -> None:
+        """Refuse what `observe` and then `act` would refuse; nothing changes and nothing is logged.
+
+        For whoever tells the outcome and the next mode at once, and wants both to count or neither.
+
+        Parameters
+        ----------
+        mode : str or int
+        response, performed : str, optional
+            As in `observe`.
+
+        Raises
+        ------
+        InputError
+            As `observe` and `act` do, the log apart.
+        """
+        self._ready("check")
+        if self._course.pending is None:
+            raise located("session, check", Phrase("no decision to observe"), "act(mode) first")
+        self._course.check(self._course.outcome(response, performed), self._course.words.mode(mode))
+
     def withdraw(self) -> None:
         """The person no longer agrees: forget them, and act by the fallback from now on.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,6 +161,17 @@ class Course:
             raise located(place, response, "none: that mode shows no response" if quiet else f"one of {names}")
         return number
 
+    def check(self, outcome: Outcome, mode: int) -> None:
+        """Refuse an outcome and the mode after it if the next decision would be refused; nothing changes.
+
+        Raises
+        ------
+        InputError
+        """
+        trial = copy(self)
+        trial.observed(outcome)
+        trial.decide(mode)
+
     def observe_entry(self, outcome: Outcome) -> dict[str, Any]:
         """What the log says of an outcome: without consent nothing of the response."""
         decision = self.pending
@@ -181,14 +192,18 @@ class Course:
 
     # -- consent -----------------------------------------------------------------------------------
     def withdraw(self) -> None:
-        """Forget everything about the person: memory, response, numbers of the pending decision, the policy.
+        """Forget everything about the person: memory, response, all but what is done of the pending decision.
 
-        The policy goes too, since it may remember histories that it has worked on.
+        The policy goes too, and forgets the histories that it has worked on: somebody else may hold it.
         """
         self.consent = Consent.WITHDRAWN
-        self.policy = self.memory = self.held = None
+        policy, self.policy = self.policy, None
+        self.memory = self.held = None
         if self.pending is not None:
-            self.pending = replace(self.pending, numbers={}, explanation="")
+            done = self.pending
+            self.pending = Decision(done.mode, done.choice, done.action, done.choice)
+        if policy is not None:
+            policy.forget()
 
     def skip(self, entry: Mapping[str, Any]) -> None:
         """Note an entry from before the withdrawal without working out anything about the person."""

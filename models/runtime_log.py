@@ -98,7 +98,8 @@ class LogWriter:
             file = FileIO(str(self.path), "ab", opener=opener)
         except OSError as error:
             found = Phrase(error.strerror or "no file")
-            raise located(str(self.path), found, "a log that can be written") from None
+            wanted = "a log that can be written" if flags else "the log of a session, which can be written"
+            raise located(str(self.path), found, wanted) from None
         try:
             hold(file, self.path, f"{self.path}: another session is writing it; wanted a log for each")
         except BaseException:

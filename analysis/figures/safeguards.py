@@ -139,7 +139,8 @@ def who_is_influenced(report: InfluenceReport, policies: Sequence[str], sets: Se
                 ax.plot(
                     [row["low"], row["high"]], [y + shift] * 2, color=RULE, linewidth=3.5, solid_capstyle="butt"
                 )
-                ax.plot(row["influence"], y + shift, MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)])
+                marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
+                ax.plot(row["influence"], y + shift, marker, color=colour, clip_on=False, zorder=5)
         ax.set_title(spoken(name), fontsize=8.5)
         ax.grid(axis="x")
         ax.tick_params(axis="y", length=0)
@@ -147,7 +148,7 @@ def who_is_influenced(report: InfluenceReport, policies: Sequence[str], sets: Se
     panels[0].set_xlim(left=0)
     panels[0].set_yticks(range(len(kinds)), [f"{spoken(by)} {spoken(who)}".strip() for by, who in kinds])
     panels[0].set_ylim(len(kinds) - 0.5, -0.5)
-    figure.supxlabel("times a person is moved to another state than if left alone", fontsize=8.5, color=FAINT)
+    panels[len(panels) // 2].set_xlabel("times a person is moved to another state than if left alone")
     handles = [
         Line2D([], [], linestyle="", marker=MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)],
                label="no safeguard" if g == "none" else spoken(g))

@@ -13,15 +13,31 @@ from matplotlib.patches import Patch, Rectangle
 
 from analysis.figures.style import COLOURS, FAINT, INK, LINES, MARKERS, RULE, SEQUENTIAL, axes, spoken, styled
 from models.errors import located
-from models.sensitivity.reward_grid import LEANING, UNDECIDED, GridDecisions, chosen, verdict
+from models.sensitivity.reward_grid import (
+    ENOUGH,
+    LEANING,
+    UNDECIDED,
+    GridDecisions,
+    chosen,
+    evenly,
+    of_draws,
+    verdict,
+)
 
 if TYPE_CHECKING:
     from models.sensitivity.flips import Flips
 
 OPEN_COLOUR, NULL_COLOUR = "#ffffff", "#eef1f4"
 
-ACTING = ("////", "....", "\\\\\\\\", "----")
+ACTING = ("////", "\\\\\\\\", "----", "||||")
 """Hatching of actions other than the null action."""
+
+READING_LABELS = {
+    "infinite": "no horizon",
+    "two-step": "two steps",
+    "two-step-terminal": "two steps, then rewarded",
+}
+"""Readings in legends and headings."""
 
 GAP = 0.7
 """Between the blocks of a map, in cells."""
@@ -102,24 +118,30 @@ def _draw_actions(ax: Axes, found: GridDecisions, k: int, r: float, dx: float, d
 
 
 def _draw_shares(ax: Axes, found: GridDecisions, k: int, r: float, dx: float, dy: float) -> None:
-    """Share of the draws that act; crossed out where it is a toss."""
-    nodes = found.answers.nodes
+    """Share of the draws that act; crossed out where it is a toss. Few draws that weigh the same are counted."""
+    nodes, whole = found.answers.nodes, found.n_draws if _counts(found) else 100
     null = nodes.action_names(k)[nodes.null_choice(k)]
     norm = Normalize(0.0, 1.0)
     tossed = []
     for x, y, shares in _cells(found, k, r):
         acts = sum(v for name, v in shares.items() if name not in (null, UNDECIDED)) + 0.5 * shares[UNDECIDED]
-        toss = verdict(*chosen(shares)) in ("coin toss", UNDECIDED)
+        toss = verdict(*chosen(shares), found.n_draws) in ("coin toss", UNDECIDED)
         _squares(ax, [(x + dx, y + dy)], facecolor=SEQUENTIAL(norm(acts)), edgecolor=RULE, linewidth=0.8)
         if toss:
             tossed.append((x + dx, y + dy))
+        text = f"{round(whole * acts, 1):g}" if whole < 100 else f"{100 * acts:.0f}"
         ax.text(
-            x + dx, y + dy, f"{100 * acts:.0f}", ha="center", va="center", fontsize=7,
+            x + dx, y + dy, text, ha="center", va="center", fontsize=7,
             color="white" if acts > 0.6 and not toss else INK, zorder=4,
         )  # fmt: skip
     if tossed:
         _squares(ax, tossed, facecolor="none", edgecolor=RULE, linewidth=0.8, hatch="xx", zorder=2)
         _spots(ax, tossed)
+
+
+def _counts(found: GridDecisions) -> bool:
+    """Whether a map of shares counts draws: fewer than `ENOUGH`, all of the same weight."""
+    return 1 < found.n_draws < ENOUGH and found.even
 
 
 def _squares(ax: Axes, places: Sequence[tuple[float, float]], **look: Any) -> None:
@@ -218,7 +240,7 @@ def share_panel(found: GridDecisions, k: int, r: float, *, ax: Axes | None = Non
     """Share of the draws that act at one step and steepness, in percent, over the costs.
 
     Undecided draws count half. Cells in which less than three quarters of the draws agree are crossed out: there it
-    is a toss.
+    is a toss. Fewer than 20 draws are counted instead, and say nothing of tosses.
 
     Parameters
     ----------
@@ -250,12 +272,19 @@ def action_map(found: GridDecisions, *, ax: Axes | None = None) -> Axes:
         If more than two costs are varied.
     """
     ax = _all(found, _draw_actions, ax)
-    nodes, handles = found.answers.nodes, []
+    nodes = found.answers.nodes
+    # What looks alike and has the same letter, such as doing nothing in every mode, stands in the legend once.
+    alike: dict[tuple[str, str, str], list[str]] = {}
     for k in range(found.n_steps):
         names = list(nodes.action_names(k))
         for name in names:
             look = _look(k, nodes.null_choice(k), names, name)
-            handles.append(Patch(edgecolor=FAINT, label=f"{initials(names)[name]}: {spoken(name)}", **look))
+            own = alike.setdefault((initials(names)[name], look["facecolor"], look["hatch"]), [])
+            own += [spoken(name)] * (spoken(name) not in own)
+    handles = [
+        Patch(edgecolor=FAINT, label=f"{letter}: {', '.join(own)}", facecolor=colour, hatch=hatch)
+        for (letter, colour, hatch), own in alike.items()
+    ]
     if np.any(found.answers.choice < 0):
         handles.append(Patch(edgecolor=FAINT, label="?: undecided", facecolor=OPEN_COLOUR, hatch="xx"))
     return _with_legend(ax, handles)
@@ -280,16 +309,20 @@ def share_map(found: GridDecisions, *, ax: Axes | None = None) -> Axes:
         Patch(facecolor=SEQUENTIAL(v), edgecolor=RULE, label=text)
         for v, text in ((0.0, "no draw acts"), (0.5, "half of the draws"), (1.0, "all draws"))
     ]
-    handles.append(
-        Patch(facecolor="white", edgecolor=FAINT, hatch="xx", label=f"fewer than {LEANING:.0%} agree: a toss")
-    )
-    return _with_legend(ax, handles)
+    open_cells = bool(np.any(found.answers.choice < 0))
+    if found.n_draws >= ENOUGH or open_cells:
+        text = f"fewer than {LEANING:.0%} agree: a toss" if found.n_draws >= ENOUGH else UNDECIDED
+        handles.append(Patch(facecolor="white", edgecolor=FAINT, hatch="xx", label=text))
+    title, n = None, found.n_draws
+    if n > 1:
+        title = f"how many of {n} draws act" if _counts(found) else f"percent of {n:,} draws"
+    return _with_legend(ax, handles, title)
 
 
-def _with_legend(ax: Axes, handles: list[Patch]) -> Axes:
+def _with_legend(ax: Axes, handles: list[Patch], title: str | None = None) -> Axes:
     ax.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=min(len(handles), 5), handlelength=1.8,
-        borderaxespad=0.2,
+        borderaxespad=0.2, title=title, alignment="left",
     )  # fmt: skip
     return ax
 
@@ -298,8 +331,9 @@ def _with_legend(ax: Axes, handles: list[Patch]) -> Axes:
 def critical_values(found: Sequence[Flips], *, ax: Axes | None = None) -> Axes:
     """At which value of a number a decision flips: in which share of the draws it has flipped by then.
 
-    One curve for each reading. A curve that ends below 100% leaves draws without a flip in the range. A single
-    model has one marker a flip, above what it does before and after.
+    One curve for each reading; the legend says of how many draws, and how many never flip: a curve that ends below
+    100% leaves draws without a flip in the range. Fewer than 20 draws have a mark each. A single model has one
+    marker a flip, above what it does before and after.
 
     Parameters
     ----------
@@ -326,11 +360,15 @@ def critical_values(found: Sequence[Flips], *, ax: Axes | None = None) -> Axes:
         order = np.argsort(flips.first[has])
         share = np.cumsum(flips.weight[has][order])
         start, end = float(flips.scan[0]), float(flips.scan[-1])
-        total = float(share[-1]) if len(share) else 0.0
+        total, n = (float(share[-1]) if len(share) else 0.0), len(flips.weight)
+        never = of_draws(1 - total, n, evenly(flips.weight))
+        name = READING_LABELS.get(flips.reading, flips.reading)
         ax.step(
             [start, *flips.first[has][order].tolist(), end], [0.0, *share.tolist(), total], where="post",
-            linestyle=LINES[i % len(LINES)], label=f"{flips.reading}: {1 - total:.0%} without", **look,
+            linestyle=LINES[i % len(LINES)], label=f"{name}: {never} never flip", **look,
         )  # fmt: skip
+        if n < ENOUGH:
+            ax.plot(flips.first[has][order], share, MARKERS[i % len(MARKERS)], markersize=5, **look)
     flips = found[0]
     ax.set_xlim(flips.scan[0], flips.scan[-1])
     mode = flips.nodes.protocol.modes[flips.nodes.modes[flips.step]].name
@@ -339,13 +377,16 @@ def critical_values(found: Sequence[Flips], *, ax: Axes | None = None) -> Axes:
     ax.grid(axis="both")
     if single:
         ax.set_ylim(-0.6, len(found) - 0.2)
-        ax.set_yticks(range(len(found)), [f.reading for f in found])
+        ax.set_yticks(range(len(found)), [READING_LABELS.get(f.reading, f.reading) for f in found])
         ax.tick_params(axis="y", length=0)
     else:
-        ax.set_ylim(0, 1.0 + 0.14 * len(found))
+        ax.set_ylim(0, 1.03)
         ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0%", "25%", "50%", "75%", "100%"])
         ax.set_ylabel("draws that have flipped")
-        ax.legend(loc="upper left", fontsize=7.5, borderaxespad=0.1, labelspacing=0.3)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.legend(
+            loc="upper left", bbox_to_anchor=(0, -0.24), fontsize=7.5, borderaxespad=0.1, labelspacing=0.3,
+        )  # fmt: skip
     return ax
 
 

@@ -191,7 +191,9 @@ class Study:
         """
         rule = str(person.member.setup["withdrawal"])
         self.journal.withdraw(person.participant, len(self.rows(person)), rule)
-        self._people.pop(person.participant, None)
+        held = self._people.pop(person.participant, None)
+        if held is not None:
+            held.mind.policy.forget()
         person.live = None
         if rule == DELETE:
             self._delete(person.participant)

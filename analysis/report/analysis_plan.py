@@ -141,7 +141,8 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 def _entry(place: str, content: Any) -> Planned:
     if not isinstance(content, Mapping):
-        raise located(place, Phrase(type(content).__name__), "a table with results and why")
+        wanted = 'a [[planned]] table with results and why: results = ["criteria"], why = "H1: ..."'
+        raise located(place, Phrase(type(content).__name__), wanted)
     _known(place, content, _ENTRY)
     results = content.get("results")
     if not isinstance(results, list) or not results or not all(isinstance(r, str) and r for r in results):

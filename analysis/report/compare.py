@@ -36,10 +36,14 @@ from models.baum_welch import BaumWelch
 from models.bootstrap import bootstrap_fit
 from models.errors import InputError
 from models.model_files import write_text
-from models.protocol import Protocol
+from models.protocol import PUBLISHED, Protocol
+from models.reward import Reward, default_x
 
 HTML_NAME, PARTS_NAME = "comparison.html", "comparison_parts"
 STUDY_SCHEDULE = "HRHRHRHRH"
+
+NO_LOSS = 1e-9
+"""Reward units below which a loss is rounding."""
 
 TEST_RESTARTS, TEST_FINALISTS, TEST_MAPS = 20, 4, 1000
 """Of every fit of the test of one model for both; the bootstrap fits three a pair."""
@@ -197,6 +201,12 @@ class _Comparison:
         rows += [("doubt", a.doubt, b.doubt), ("content (SHA-256)", a.digest or "–", b.digest or "–")]
         frame = pd.DataFrame(rows, columns=["item", "A", "B"])
         warnings = tuple(Text(f"{s.label}: {w}", "warning") for s in self.sides for w in s.warnings)
+        if a.digest and a.digest == b.digest:
+            same = (
+                "Both rest on the same data (equal SHA-256). What differs says something about the two analyses, "
+                "nothing about people or studies, and the draws of the two are not independent."
+            )
+            warnings = (Text(same, "warning"), *warnings)
         if len(self.origins) > 1:
             kinds = " and ".join(f"{s.label} {Origin.of_kind(s.kind).label}" for s in self.sides)
             warnings = (Text(f"The two are not of one kind: {kinds}. What differs may differ for that.", "warning"),
@@ -317,13 +327,22 @@ class _Comparison:
         formats = dict.fromkeys(("per_response", "loss", "low", "high"), ".4f") | {"states": "d"}
         caption = (
             "Log score of either side's model on the people of both, and what the other side's model loses (95% "
-            "over people). The own model was fitted to these people, so a small loss is expected where nothing "
-            "differs."
+            "over people)."
         )
-        return (Table("cross-prediction", frame, caption, self.origins, headings, formats, row_headings=3),)
+        warning = Text(
+            "The own model was fitted to the people it is scored on, the other was not. So the other loses even "
+            "where nothing differs, more with more states, and intervals that leave out zero are no sign of a "
+            "difference. That is for the section One model for both?", "warning",
+        )  # fmt: skip
+        return (
+            warning,
+            Table("cross-prediction", frame, caption, self.origins, headings, formats, row_headings=3),
+        )
 
     def plans(self) -> tuple[Block, ...]:
         protocol = self.sides[0].protocol
+        if protocol != PUBLISHED and not all(_has_own_reward(side) for side in self.sides):
+            raise NotSupported(f"what a round is worth is not known for protocol {protocol.name!r}")
         letters = self.schedule or STUDY_SCHEDULE
         try:
             protocol.modes_from_letters(letters)
@@ -334,16 +353,22 @@ class _Comparison:
         parts: list[Block] = []
         for k in self.states:
             table = plan_exchange(*self.sides, k, letters)
-            worst = table.loc[table["loss"].idxmax()]
+            exchanged = table[table["plan"] != table["world"]]
+            worst = exchanged.loc[exchanged["loss"].idxmax()]
             first = table.drop_duplicates("plan").set_index("plan")["first_action"]
             same = (
                 "start alike" if first["A"] == first["B"] else f"start with {first['A']} (A) and {first['B']} (B)"
             )
-            text = (
-                f"Over {letters} the two plans {same}. The most that is lost by acting on the other side's model "
-                f"is {max(worst['loss'], 0):.2g} reward units (plan of {worst['plan']} in {worst['world']}; 95% "
-                f"over the draws {worst['loss_low']:.2g} to {worst['loss_high']:.2g})."
-            )
+            text = f"With {counted(k, 'state')}, over {letters}, the two plans {same}. "
+            if worst["loss"] < NO_LOSS:
+                text += "By the estimates nothing is lost by acting on the other side's model."
+            else:
+                text += (
+                    f"The most that is lost by acting on the other side's model is {worst['loss']:.1f} reward "
+                    f"units (plan of {worst['plan']} in {worst['world']}; 95% over the draws "
+                    f"{worst['loss_low']:.1f} to {worst['loss_high']:.1f}). Both plans are made for the estimates; "
+                    "in a draw below 0 the other side's plan is the better one."
+                )
             shown = table[
                 ["plan", "world", "first_action", "value", "low", "high", "loss", "loss_low", "loss_high"]
             ]
@@ -376,6 +401,11 @@ class _Comparison:
         if self.effort.quick:
             items.append("This is a quick report: fewer restarts and replicates. It is not for citation.")
         return (Points(tuple(items)), Part("Methods, ready to quote", "methods", (Text(self.methods, "quote"),)))
+
+
+def _has_own_reward(side: Side) -> bool:
+    """Whether all models of a side say what a round is worth: anything but the scores that are taken by default."""
+    return all(m.reward != Reward(default_x(m.n_states)) for m in side.estimates.values())
 
 
 def _briefly(table: pd.DataFrame) -> pd.DataFrame:

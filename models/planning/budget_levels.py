@@ -22,8 +22,9 @@ class BudgetLevels(NamedTuple):
 
     Attributes
     ----------
-    left : tuple of int64[i]
-        Units left, increasing from 0: all sums that the events to come can be charged, up to the budget.
+    left : tuple of int64[i] or object[i]
+        Units left, increasing from 0: all sums that the events to come can be charged, up to the budget. Whole
+        numbers of Python's own where the charges are.
     after : int64[k, i, c]
         Level left by each choice of an event; -1 if it cannot be paid for.
     """
@@ -31,27 +32,27 @@ class BudgetLevels(NamedTuple):
     left: tuple[Index, ...]
     after: Index
 
-    def level(self, event: int, units: int) -> int:
+    def level(self, event: int, units: float) -> int:
         """Level of an amount: the highest that it covers; 0 where more was spent than there was."""
         return int(np.searchsorted(self.left[event], max(units, 0), side="right")) - 1
 
 
-def budget_levels(charges: list[Index], budget: int) -> BudgetLevels:
+def budget_levels(charges: list[Index], budget: float) -> BudgetLevels:
     """Levels of a schedule.
 
     Parameters
     ----------
-    charges : list of int64[c]
+    charges : list of int64[c] or object[c]
         Of the choices of each event, in units; at least one of each event is free.
-    budget : int
-        In units.
+    budget : int or float
+        Whole units, or infinite.
 
     Raises
     ------
     InputError
         If there are too many sums.
     """
-    left = [np.zeros(1, dtype=np.int64)]
+    left = [np.zeros(1, dtype=np.result_type(np.int64, *charges))]
     for own in reversed(charges):
         sums = np.unique((left[-1][:, None] + own[own <= budget]).ravel())
         left.append(sums[sums <= budget])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.planning.budget_tree import BudgetTree
-from models.planning.charges import charges_of, checked_charges, in_units
+from models.planning.charges import charges_of, check_budget, checked_charges, in_units
 from models.planning.exact import Decisions, responses_before
 from models.planning.schedule import Array, Schedule
 
@@ -156,7 +156,8 @@ class BudgetValues:
         InputError
             On a budget that is none.
         """
-        return float(self.values[self._level(budget)])
+        check_budget(budget)
+        return float(self.values[np.searchsorted(self.budgets, budget, side="right") - 1])
 
     def plan(self, budget: float) -> BudgetPlan:
         """The best plan within a budget.
@@ -166,10 +167,7 @@ class BudgetValues:
         InputError
             On a budget that is none.
         """
-        return _plan(self.tree, self.charges, float(budget), self._level(budget))
-
-    def _level(self, budget: float) -> int:
-        return self.tree.level(self.tree.units.within(budget))
+        return _plan(self.tree, self.charges, float(budget), self.tree.level(self.tree.units.within(budget)))
 
     def rows(self) -> list[dict[str, Any]]:
         """One row a budget.
@@ -237,7 +235,9 @@ def budget_values(schedule: Schedule, charges: ArrayLike | None = None) -> Budge
     own = _charges(schedule, charges)
     tree = BudgetTree.of(schedule, in_units(own, np.inf))
     budgets = np.array([tree.units.amount(int(left)) for left in tree.levels.left[0]])
-    return BudgetValues(schedule, own, budgets, tree.best[0][0][0], tree)
+    # Sums of the same nearest number are one budget, which pays for the largest of them.
+    kept = np.append(np.diff(budgets) > 0, True)
+    return BudgetValues(schedule, own, budgets[kept], tree.best[0][0][0][kept], tree)
 
 
 def _charges(schedule: Schedule, charges: ArrayLike | None) -> Array:

@@ -108,14 +108,14 @@ def budget_problem(
 def _amounts(units: Units) -> Index:
     """Amounts that matter: sums of charges up to the budget, increasing from 0."""
     steps = sorted({int(c) for c in units.charge if 0 < c <= units.budget})
-    if steps and units.budget // steps[0] > 100 * MOST_AMOUNTS:
-        raise located("budget", Phrase(f"{units.budget // steps[0]} times the smallest charge"),
-                      f"at most {100 * MOST_AMOUNTS} times")  # fmt: skip
-    found, fresh = {0}, {0}
+    if steps and units.budget > 100 * MOST_AMOUNTS * steps[0]:
+        found = Phrase("more of the smallest charge than can be told apart")
+        raise located("budget", found, f"at most {100 * MOST_AMOUNTS:,} times the smallest charge")
+    known, fresh = {0}, {0}
     while fresh:
-        fresh = {a + c for a in fresh for c in steps if a + c <= units.budget} - found
-        found |= fresh
-        if len(found) > MOST_AMOUNTS:
+        fresh = {a + c for a in fresh for c in steps if a + c <= units.budget} - known
+        known |= fresh
+        if len(known) > MOST_AMOUNTS:
             text = Phrase(f"more than {MOST_AMOUNTS} amounts left")
             raise located("budget", text, "fewer: a smaller budget, or charges with a coarser common unit")
-    return np.array(sorted(found), dtype=np.int64)
+    return np.array(sorted(known), dtype=units.charge.dtype)

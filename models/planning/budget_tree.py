@@ -151,7 +151,7 @@ class BudgetTree:
         out[np.arange(levels) > self.top[k][:, None]] = -np.inf
         return out
 
-    def level(self, units: int) -> int:
+    def level(self, units: float) -> int:
         """Level of a budget before the first event."""
         return self.levels.level(0, units)
 

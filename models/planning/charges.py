@@ -1,14 +1,16 @@
 """What actions are charged against a budget: their cost, one apiece, or as the user says.
 
-Charges and budgets are added up as the decimals they are written as: three times 0.1 is 0.3, and a budget of 0.3
-pays for it. So they are counted in whole numbers of a unit that fits all of them.
+Charges are added up as the decimals they are written as: three times 0.1 is 0.3, and a budget of 0.3 pays for it.
+So they are counted in whole numbers of a unit that fits all of them, however many digits they have. A budget pays
+for a sum that, as the nearest floating-point number, is not above it: then it pays for every sum that was ever
+printed as that budget.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from math import ceil, lcm
+from math import gcd, lcm
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -27,11 +29,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Charges = Literal["cost", "count"] | Mapping[str, float]
 
-MOST_UNITS = 2**53
-"""Units that a charge or a budget may come to."""
+PLAIN_UNITS = 2**43
+"""Units up to which charges are 64-bit numbers, Python's own beyond: sums over a million events fit."""
 
-FINEST, ROUGHEST = 10**9, 1000
-"""Units that the largest charge is rounded to where there is no other way, and the smallest at least."""
+MOST_APART = 10**15
+"""The largest charge in terms of the smallest positive one: sums in floating point lose what is smaller."""
 
 
 def charges_of(source: Schedule | LatentStatePOMDP | ModelDraws, kind: Charges = "cost") -> Array:
@@ -104,62 +106,74 @@ def checked_charges(protocol: Protocol, charges: ArrayLike) -> Array:
 
 
 class Units(NamedTuple):
-    """Charges and a budget in whole units: ``int64[a]``, the budget rounded down, and the size of a unit."""
+    """Charges and a budget in whole units.
+
+    Attributes
+    ----------
+    charge : int64[a] or object[a]
+        Python's own whole numbers where 64 bits might not hold their sums.
+    budget : int or float
+        Whole units that it pays for; infinite without a limit.
+    size : Fraction
+        Of a unit.
+    """
 
     charge: Index
-    budget: int
+    budget: float
     size: Fraction
 
     def amount(self, units: int) -> float:
         """So many units as a number."""
         return float(units * self.size)
 
-    def within(self, budget: float) -> int:
-        """Whole units within a budget, at most `MOST_UNITS`: that many pay for everything.
+    def within(self, budget: float) -> float:
+        """Whole units that a budget pays for: as many as come to no more, as the nearest floating-point number.
 
         Raises
         ------
         InputError
             On a budget that is negative or no number.
         """
-        _check_budget(budget)
+        check_budget(budget)
         if np.isinf(budget):
-            return MOST_UNITS
-        return min(MOST_UNITS, int(Fraction(repr(float(budget))) / self.size))
+            return float("inf")
+        # What is nearer to the budget than to the next number is rounded to the budget.
+        top = (Fraction(float(budget)) + Fraction(float(np.nextafter(float(budget), np.inf)))) / 2
+        units = int(top / self.size)
+        return units if self.amount(units) <= budget else units - 1
 
 
 def in_units(charges: Sequence[float] | Array, budget: float = 0.0) -> Units:
     """Count charges and a budget in the largest unit of which all charges are multiples.
 
-    Charges of so many digits that a budget would be more than 2^53 such units (measured costs are) are rounded up
-    to a billionth of the largest: what they pay for is then never more than the budget.
+    Raises
+    ------
+    InputError
+        On a budget that is negative or no number, or charges of sizes too different to be added up.
+    """
+    check_budget(budget)
+    exact = [Fraction(repr(float(c))) for c in charges]
+    positive = [f for f in exact if f > 0]
+    if positive and max(positive) > MOST_APART * min(positive):
+        found = np.asarray(charges).tolist()
+        raise located("charges", found, f"positive ones within a factor of {MOST_APART:.0e} of each other")
+    scale = lcm(*(f.denominator for f in exact))
+    whole = [int(f * scale) for f in exact]
+    common = gcd(*whole) or 1
+    units = [w // common for w in whole]
+    counted = np.array(units, dtype=np.int64 if max(units) <= PLAIN_UNITS else object)
+    found = Units(counted, 0, Fraction(common, scale))
+    return found._replace(budget=found.within(budget))
+
+
+def check_budget(budget: float) -> None:
+    """Refuse what is no budget.
 
     Raises
     ------
     InputError
-        On a budget that is negative or no number, or charges of sizes too different for a common unit.
+        On anything but a number from 0 on.
     """
-    _check_budget(budget)
-    exact = [Fraction(repr(float(c))) for c in charges]
-    scale = lcm(*(f.denominator for f in exact))
-    whole = [int(f * scale) for f in exact]
-    common = int(np.gcd.reduce(np.array(whole, dtype=object))) or 1
-    size = Fraction(common, scale)
-    units = [w // common for w in whole]
-    limit = None if np.isinf(budget) else Fraction(repr(float(budget)))
-    if max(units) > MOST_UNITS or (limit is not None and limit / size > MOST_UNITS and max(units) > FINEST):
-        size = max(exact) / FINEST
-        if min(f for f in exact if f > 0) < size * ROUGHEST:
-            found = np.asarray(charges).tolist()
-            raise located(
-                "charges", found, f"positive ones within a factor of {FINEST // ROUGHEST:,} of each other"
-            )
-        units = [ceil(f / size) for f in exact]
-    found = Units(np.array(units, dtype=np.int64), 0, size)
-    return found._replace(budget=found.within(budget))
-
-
-def _check_budget(budget: float) -> None:
     if isinstance(budget, bool | str) or not isinstance(budget, int | float | np.number) or not budget >= 0:
         raise located("budget", budget, "a number from 0 on")
 

@@ -19,6 +19,7 @@ from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Policy, Vocabulary
+from models.planning.product_policy import ProductPolicy
 from models.planning.schedule import Schedule
 
 MOST_HISTORIES = 1_000_000
@@ -190,7 +191,7 @@ def follow_responses(
         mode, choice = s.mode(k), policy.act(memory)
         response = left.pop(0) if mode.shows_response else None
         seen = 0 if response is None else policy.vocabulary.observation(response)
-        belief = policy.belief_of(memory) if isinstance(policy, BeliefPolicy) else None
+        belief = policy.belief_of(memory) if isinstance(policy, BeliefPolicy | ProductPolicy) else None
         before = joint.sum(axis=0)
         history = [*((step.action, step.response) for step in out), (mode.actions[choice].name, response)]
         joint, _ = s.joint_after(history)
@@ -209,7 +210,7 @@ class _Sums:
         self.s = s
         self.value, self.cost, self.costly, self.score = np.zeros(d), np.zeros(d), np.zeros(d), np.zeros(d)
         self.states = np.zeros((k + 1, s.n_states))
-        self.beliefs = np.zeros((k, len(policy.model.states[0]) if isinstance(policy, BeliefPolicy) else 0))
+        self.beliefs = np.zeros((k, _believed_states(policy)))
         self.actions: list[dict[str, float]] = [{} for _ in range(k)]
         self.scores = np.asarray(s.protocol.scores)
         self.shown = sum(s.mode(j).shows_response for j in range(k))
@@ -219,7 +220,7 @@ class _Sums:
         for memory, joint in holds.items():
             mean = self.s.draws.weight @ joint
             self.states[k] += mean
-            if isinstance(policy, BeliefPolicy):
+            if isinstance(policy, BeliefPolicy | ProductPolicy):
                 self.beliefs[k] += mean.sum() * policy.belief_of(memory)
 
     def act(self, k: int, action: int, taken: Array) -> None:
@@ -244,8 +245,15 @@ class _Sums:
                 self.value += s.discount**s.n_events * (joint @ s.terminal)
         w = s.draws.weight
         rate = self.score / self.shown if self.shown else np.full(len(w), np.nan)
-        beliefs = self.beliefs if isinstance(policy, BeliefPolicy) else None
+        beliefs = self.beliefs if isinstance(policy, BeliefPolicy | ProductPolicy) else None
         return ScheduleValue(
             policy.name, s.letters, s.discount, float(w @ self.value), float(w @ rate), float(w @ self.costly),
             float(w @ self.cost), self.states, beliefs, tuple(self.actions), self.value, rate, self.costly,
         )  # fmt: skip
+
+
+def _believed_states(policy: Policy) -> int:
+    """States that a policy's belief is about; 0 where it holds none."""
+    if isinstance(policy, ProductPolicy):
+        return len(policy.beliefs.state_names)
+    return len(policy.model.states[0]) if isinstance(policy, BeliefPolicy) else 0

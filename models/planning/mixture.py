@@ -92,6 +92,11 @@ class Mixture(Policy):
         )
         return MixtureMemory(int(next_mode), own, possible)
 
+    def forget(self) -> None:
+        """Forget histories that policies have worked on."""
+        for p in self.policies:
+            p.forget()
+
     def to_dict(self) -> dict[str, Any]:
         """Plain content of the policy."""
         return {

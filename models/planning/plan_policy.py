@@ -124,6 +124,10 @@ class PlanPolicy(Policy):
             choice = self._anew[memory.history]
         return certain(choice, len(self.vocabulary.actions[memory.mode]))
 
+    def forget(self) -> None:
+        """Forget what was planned anew: it tells of the histories that it was planned for."""
+        self._anew.clear()
+
     def observe(self, memory: PlanMemory, choice: int, observation: int | None, next_mode: int) -> PlanMemory:
         """One event on. After the last event any mode will do; nothing is planned for it.
 

@@ -163,6 +163,9 @@ class Policy(ABC):
         self.vocabulary.observation(observation)
         self.vocabulary.mode(next_mode)
 
+    def forget(self) -> None:  # noqa: B027 - most policies keep nothing
+        """Let go of histories worked out before; what it does stays the same."""
+
     # -- many runs at once -------------------------------------------------------------------------
     # By default each memory is worked on once, however many runs have it; beliefs are worked on as arrays.
     def begin_many(self, modes: Index) -> Any:

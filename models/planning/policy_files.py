@@ -63,7 +63,9 @@ def policy_from_dict(content: Any, place: str = "policy") -> Policy:
         raise located(f"{place}, key kind", kind, f"one of {', '.join(KINDS)}")
     name = _entry(place, content, "name", str)
     try:
-        return KINDS[kind](place, content, name)
+        # Numbers too large to work with become infinite, and are refused for that in words.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return KINDS[kind](place, content, name)
     except InputError as error:
         text = str(error)
         raise error if text.startswith(place) else InputError(f"{place}: {text}") from None

@@ -164,9 +164,16 @@ def _histories(schedule: Schedule, beliefs: DrawBeliefs, rounds: Rounds, missing
     fresh = dict(reached)
     for k in range(schedule.n_events - 1 - _covered(schedule)):
         after: dict[int, list[Array]] = {}
+        m = schedule.modes[k]
+        outcomes = beliefs.outcomes(m)
+        each = len(schedule.mode(k).actions) * (outcomes + (missing and outcomes > 1))
+        histories = each * sum(map(len, fresh.values()))
+        if histories * beliefs.start.size > MOST_ENTRIES:
+            size = Phrase(f"{histories} histories, {beliefs.start.size} numbers each")
+            wanted = f"at most {MOST_ENTRIES:.0e} numbers: a shorter schedule, fewer draws, or missing=False"
+            raise located(f"schedule {schedule.letters}, event {k + 1}", size, wanted)
         for x, points in fresh.items():
-            m, n = schedule.modes[k], len(points)
-            outcomes = beliefs.outcomes(m)
+            n = len(points)
             ahead = beliefs.ahead_many(m, points).reshape(n, -1, outcomes, *points.shape[1:])
             for c in range(ahead.shape[1]):
                 y = int(product.follow[x, c, schedule.modes[k + 1]])
@@ -174,11 +181,6 @@ def _histories(schedule: Schedule, beliefs: DrawBeliefs, rounds: Rounds, missing
                 if missing and outcomes > 1:
                     found.append(ahead[:, c].sum(axis=1))
                 after.setdefault(y, []).extend(found)
-        histories = sum(len(p) for found in after.values() for p in found)
-        if histories * beliefs.start.size > MOST_ENTRIES:
-            size = Phrase(f"{histories} histories, {beliefs.start.size} numbers each")
-            wanted = f"at most {MOST_ENTRIES:.0e} numbers: fewer draws, or missing=False"
-            raise located(f"schedule {schedule.letters}, event {k + 1}", size, wanted)
         fresh = {}
         for y, found in after.items():
             points = np.concatenate(found)

@@ -1,6 +1,7 @@
 """Bounded cost: a hard limit on what the robot may spend on one person, whatever its policy wants.
 
-Spending is added up exactly, as the decimals that charges are written as: 0.1 three times fits a budget of 0.3.
+Spending is added up exactly, as the decimals that charges are written as: 0.1 three times fits a budget of 0.3. It
+is within the limit if, as the nearest floating-point number, it is not above it.
 
 This is the seat belt. The best plan that knows of a limit is another matter (`models.planning.budget_plan`): it
 saves for when it matters, where a guarded plan spends until nothing is left.
@@ -46,12 +47,12 @@ class CostBudget(Safeguard):
         self, limit: float, charges: Mapping[str, float], words: Vocabulary, null: tuple[int, ...]
     ) -> None:  # fmt: skip
         self.words, self.null = words, tuple(null)
-        self.limit = check_number("budget, limit", limit, 0.0, 1e15, "a number of at least 0")
+        self.limit = check_number("budget, limit", limit, 0.0, 1e15, "a number from 0 to 1e+15")
         known = [a for offered in words.actions for a in offered]
         for action, charge in charges.items():
             if action not in known:
                 raise located("budget, charges, action", action, f"one of {', '.join(known)}")
-            check_number(f"budget, charge of {action}", charge, 0.0, 1e15, "a number of at least 0")
+            check_number(f"budget, charge of {action}", charge, 0.0, 1e15, "a number from 0 to 1e+15")
         self.charges = tuple(tuple(float(charges.get(a, 0.0)) for a in offered) for offered in words.actions)
         for x, c in enumerate(self.null):
             if self.charges[x][c] > 0:
@@ -75,7 +76,8 @@ class CostBudget(Safeguard):
         charge = self._exact[proposal.mode][proposal.choice]
         left = max(Fraction(0), self._limit - state)
         numbers = {"limit": self.limit, "spent": float(state), "left": float(left), "charge": float(charge)}
-        if charge <= left:
+        # As plans with a budget count (`models.planning.charges`): a sum that is rounded to the limit is within it.
+        if charge == 0 or float(state + charge) <= self.limit:
             return Verdict(proposal.choice, None, numbers)
         action = self.words.actions[proposal.mode][proposal.choice]
         reason = (

@@ -10,13 +10,14 @@ from models.planning.policies import Vocabulary
 from models.protocol import Protocol
 from models.safeguards.influence import nobody_can_say
 from models.safeguards.safeguard import Proposal, Safeguard, Verdict, check_number, null_choices
+from models.safeguards.worth import rounding
 
 
 class Confidence(Safeguard):
     r"""An action is taken only if :math:`P(Q_a - Q_{null} > \epsilon)` exceeds a threshold; else the null action.
 
     The probability is the weight, given the history, of the draws in which that is so; `Q` goes on with the
-    committed policy, in each draw.
+    committed policy, in each draw. A gain that may be rounding is none.
 
     Parameters
     ----------
@@ -55,15 +56,17 @@ class Confidence(Safeguard):
         worth = proposal.worth
         if worth is None:
             return nobody_can_say(self, proposal)
-        gain = worth.values[:, proposal.choice] - worth.values[:, null]
-        sure = float(worth.weight[gain > self.tolerance].sum())
+        own, left_alone = worth.values[:, proposal.choice], worth.values[:, null]
+        gain = own - left_alone
+        sure = float(worth.weight[gain > self.tolerance + rounding(own, left_alone)].sum())
         numbers = {"probability": sure, "threshold": self.threshold, "tolerance": self.tolerance}
         if sure > self.threshold:
             return Verdict(proposal.choice, None, numbers)
         names = self.words.actions[proposal.mode]
         more = f" by more than {self.tolerance:g}" if self.tolerance > 0 else ""
+        told = next((t for t in (f"{sure:.{n}g}" for n in range(2, 17)) if float(t) < self.threshold), f"{sure:g}")
         reason = (
-            f"{names[proposal.choice]} is worth more than {names[null]}{more} with probability {sure:.2g} only, "
+            f"{names[proposal.choice]} is worth more than {names[null]}{more} with probability {told} only, "
             f"not above {self.threshold:g}"
         )
         return Verdict(null, reason, {**numbers, "gain": float(np.dot(worth.weight, gain))})

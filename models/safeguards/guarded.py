@@ -13,7 +13,7 @@ from models.planning.baselines import ModeMemory, ModePolicy
 from models.planning.policies import Array, Policy, Vocabulary
 from models.safeguards.consent import Consent, check_fallback
 from models.safeguards.safeguard import Proposal, Safeguard, Verdict
-from models.safeguards.sentence import Decision, decide, decision_of, what_it_goes_by
+from models.safeguards.sentence import Decision, decide, decision_of, what_is_left, what_it_goes_by
 from models.safeguards.worth import Worth, WorthSource, own_worth
 
 __all__ = ["Decision", "Guarded", "GuardedMemory", "decide"]
@@ -181,7 +181,7 @@ class Guarded(Policy):
         return decision_of(
             self.vocabulary, memory.mode, choice, proposed, worth=memory.worth, verdicts=said, share=share,
             states=() if source is None else source.states,
-            place="" if memory.worth is not None else what_it_goes_by(self.policy, memory.policy),
+            place=(what_it_goes_by if memory.worth is None else what_is_left)(self.policy, memory.policy),
         )  # fmt: skip
 
     def reason(self, memory: GuardedMemory) -> str:
@@ -227,9 +227,14 @@ class Guarded(Policy):
     # -- consent -----------------------------------------------------------------------------------
     def withdraw(self, memory: GuardedMemory) -> GuardedMemory:
         """The memory after consent was withdrawn: the mode, and nothing else."""
+        self.forget()
+        return GuardedMemory(memory.mode, Consent.WITHDRAWN)
+
+    def forget(self) -> None:
+        """Forget what was worked out along the way, values and plans: it tells of the histories it was for."""
+        self.policy.forget()
         if self.worth_source is not None:
             self.worth_source.forget()
-        return GuardedMemory(memory.mode, Consent.WITHDRAWN)
 
     def without_consent(self) -> ModePolicy:
         """What acts without consent; it believes nothing."""

@@ -19,7 +19,7 @@ from models.model_draws import ModelDraws
 from models.planning.baselines import ModePolicy
 from models.planning.policies import Array, Vocabulary
 from models.safeguards.safeguard import Proposal, Safeguard, Verdict, check_number, null_choices
-from models.safeguards.worth import Worth, WorthSource
+from models.safeguards.worth import Worth, WorthSource, rounding
 
 SAME = 1e-12
 """Influences that differ by no more count as equal: they are shares, rounded in their last digits."""
@@ -122,7 +122,7 @@ class MinimumInfluence(Safeguard):
         influence = self.expected(proposal.mode, proposal.worth)
         own = float(influence[proposal.choice])
         best = np.nanmax(mean)
-        near = np.flatnonzero(mean >= best - self.tolerance)
+        near = np.flatnonzero(mean >= best - self.tolerance - rounding(best))
         least = int(near[np.argmin(influence[near])]) if near.size else proposal.choice
         numbers = {"expected": own, "least": min(own, float(influence[least])), "tolerance": self.tolerance}
         if influence[least] >= own - SAME:
@@ -130,7 +130,7 @@ class MinimumInfluence(Safeguard):
         names = self.words.actions[proposal.mode]
         less = float(best - mean[least])
         reason = f"{names[least]} moves {influence[least]:.2g} of a person instead of {own:.2g} and is worth " + (
-            f"only {less:.3g} less than the best" if less > 0 else "most"
+            f"only {less:.3g} less than the best" if less > rounding(best) else "most"
         )
         return Verdict(least, reason, {**numbers, "less_than_best": less})
 

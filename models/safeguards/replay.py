@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ class Audit:
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
-        size = f"{self.entries} entries, {self.decisions} decisions"
+        size = f"{_counted(self.entries, 'entry', 'entries')}, {_counted(self.decisions, 'decision', 'decisions')}"
         if not self.ok:
             n = len(self.findings)
             told = f"{size}: {n} problem{'s' * (n != 1)}."
@@ -211,7 +212,13 @@ def follow(course: Course, entry: Mapping[str, Any], closed: bool = False) -> bo
     InputError
         If it cannot follow what was before it.
     """
+    closed = _step(course, entry, closed)
+    # The step is taken all the same, so that what follows is compared.
     check_time(entry)
+    return closed
+
+
+def _step(course: Course, entry: Mapping[str, Any], closed: bool) -> bool:
     event = entry.get("event")
     if closed and event != "restore":
         raise located("event", event, "restore: the log was closed")
@@ -253,8 +260,17 @@ def check_time(entry: Mapping[str, Any]) -> None:
     InputError
     """
     time = entry.get("time")
-    if not isinstance(time, str) or not _TIME.fullmatch(time):
+    if not isinstance(time, str) or not _TIME.fullmatch(time) or not _exists(time):
         raise Differs(str(located("time", time, "a time in UTC such as 2026-01-31T12:00:00.000Z")))
+
+
+def _exists(time: str) -> bool:
+    """Whether there is such a day and hour. Clocks are set back now and then, so no order is asked for."""
+    try:
+        datetime.fromisoformat(time)
+    except ValueError:
+        return False
+    return True
 
 
 def _same_start(course: Course, entry: Mapping[str, Any]) -> None:
@@ -268,8 +284,21 @@ def _compare(entry: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Refuse an entry with other content than what happened."""
     for key in [*wanted, *(k for k in entry if k not in wanted and k not in ("n", "time"))]:
         if key not in entry or key not in wanted or not _same(entry[key], wanted[key]):
-            found = entry.get(key, Phrase("nothing"))
-            raise Differs(str(located(key, found, str(wanted.get(key, "nothing of that name")))))
+            place, found, meant = _where(key, entry.get(key, _NOTHING), wanted.get(key, _NOTHING))
+            raise Differs(str(located(place, found, str(meant))))
+
+
+_NOTHING = Phrase("nothing of that name")
+
+
+def _where(place: str, found: Any, wanted: Any) -> tuple[str, Any, Any]:
+    """The first entry of two unequal things that differs, with its place."""
+    if isinstance(found, Mapping) and isinstance(wanted, Mapping):
+        for key in [*wanted, *(k for k in found if k not in wanted)]:
+            one, other = found.get(key, _NOTHING), wanted.get(key, _NOTHING)
+            if not _same(one, other):
+                return _where(f"{place}, {key}", one, other)
+    return place, found, wanted
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -286,6 +315,10 @@ def _text(entry: Mapping[str, Any], key: str, optional: bool = False) -> Any:
     if not isinstance(value, str) and not (optional and value is None):
         raise located(key, value, "a name")
     return value
+
+
+def _counted(n: int, one: str, many: str) -> str:
+    return f"{n} {one if n == 1 else many}"
 
 
 def _content(path: Path) -> bytes:

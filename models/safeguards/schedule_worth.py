@@ -110,8 +110,9 @@ class ScheduleWorth(WorthSource):
         return Worth(np.stack(values, axis=1), weight / weight.sum(), belief)
 
     def forget(self) -> None:
-        """Values of memories that were met."""
+        """Values of memories that were met, and what the policy keeps of them."""
         self._known.clear()
+        self.policy.forget()
 
     # -- values ------------------------------------------------------------------------------------
     def _action(self, history: History, memory: Any, choice: int, reached: Mask) -> tuple[Array, bool]:

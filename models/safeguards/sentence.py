@@ -19,6 +19,7 @@ from models.planning.controller import FiniteStateController
 from models.planning.mixed_policy import MixedPolicy
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Array, Policy, Vocabulary
+from models.planning.product_policy import ProductPolicy
 from models.safeguards.safeguard import Verdict
 from models.safeguards.worth import Worth, own_worth
 
@@ -75,7 +76,7 @@ def decision_of(
     verdicts : sequence of (str, int, Verdict)
         Name of the safeguard, what it was shown, what it said.
     place : str
-        What the policy goes by, where actions have no worth.
+        What the policy goes by, where actions have no worth; what is left of its budget.
     share : float
         Probability with which a policy that randomises proposes this action.
     """
@@ -111,10 +112,17 @@ def _chance(share: float, action: str, done: bool) -> str:
 
 
 def _worth_words(names: Sequence[str], mean: list[float], choice: int) -> list[str]:
-    """What is done is worth so much, the best of the others so much."""
-    others = [(v, c) for c, v in enumerate(mean) if c != choice and v == v]
-    if not others or mean[choice] != mean[choice]:
+    """What is done is worth so much, the best of the others so much, and those without a worth are out of reach."""
+    if mean[choice] != mean[choice]:
         return []
+    others = [(v, c) for c, v in enumerate(mean) if c != choice and v == v]
+    dear = [a for a, v in zip(names, mean, strict=True) if v != v]
+    return _compared(names, mean, choice, others) + ([f"{' and '.join(dear)} cannot be paid for"] if dear else [])
+
+
+def _compared(names: Sequence[str], mean: list[float], choice: int, others: list[tuple[float, int]]) -> list[str]:
+    if not others:
+        return [f"{names[choice]} is worth {mean[choice]:.4g}"]
     best, other = max(others, key=lambda x: x[0])
     one, two = _apart(mean[choice], best)
     if one == two:
@@ -159,8 +167,14 @@ def decide(policy: Policy, memory: Any, rng: np.random.Generator | None = None) 
     share = float(policy.probabilities(memory)[choice]) if policy.randomised else 1.0
     return decision_of(
         policy.vocabulary, mode, choice, choice, worth=worth, states=states, share=share,
-        place="" if worth is not None else what_it_goes_by(policy, memory),
+        place=what_is_left(policy, memory) if worth is not None else what_it_goes_by(policy, memory),
     )  # fmt: skip
+
+
+def what_is_left(policy: Policy, memory: Any) -> str:
+    """What is left of the budget that a plan was made with; empty without one."""
+    left = policy.left_of(memory) if isinstance(policy, ProductPolicy) else float("inf")
+    return f"{left:g} of its budget is left" if left < float("inf") else ""
 
 
 def plain_worth(policy: Policy, memory: Any) -> tuple[Worth | None, tuple[str, ...]]:

@@ -20,6 +20,10 @@ from models.planning.belief_policy import BeliefMemory, BeliefPolicy
 from models.planning.policies import Array, Policy
 from models.planning.product_policy import ProductMemory, ProductPolicy
 
+EQUAL = 1e-12
+"""Worths that differ by no more than that share of their size are equal: they are sums, rounded in their last
+digits."""
+
 
 @dataclass(frozen=True, eq=False)
 class Worth:
@@ -49,6 +53,12 @@ class Worth:
     def state(self) -> Array:
         """Belief about the person over the draws, shape ``[s]``."""
         return np.asarray(self.weight @ self.belief)
+
+
+def rounding(*worths: Any) -> Any:
+    """How much of the difference of worths may be rounding; entry by entry."""
+    sizes = [np.abs(w) for w in worths]
+    return EQUAL * np.maximum(1.0, np.maximum.reduce(sizes))
 
 
 class WorthSource(ABC):

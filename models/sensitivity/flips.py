@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 from models.errors import located
 from models.robust.risk import weighted_quantiles
 from models.sensitivity.cases import OPEN, Array, Cases, Decider, Index, Nodes
+from models.sensitivity.reward_grid import ENOUGH, evenly, of_draws
 
 HALVINGS = 60
 """Of one bracket, at most."""
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+LISTED = 6
+"""Flips of so many draws are named one by one."""
 
 Setting = Callable[[Array, Index], Cases]
 """Cases of values of a number ``[m]`` and draws ``[m]``."""
@@ -128,22 +132,45 @@ class Flips:
             if not len(self.draw):
                 return f"{where}: {next(iter(self.always))} throughout"
             order = np.argsort(self.low)
+            ends = [_apart(float(self.low[i]), float(self.high[i])) for i in order]
             turns = [
-                f"{self.nodes.words(self.step, int(self.before[i]))} up to {self.low[i]:.6g}, "
-                f"{self.nodes.words(self.step, int(self.after[i]))} from {self.high[i]:.6g} on"
-                for i in order
+                f"{self.nodes.words(self.step, int(self.before[i]))} up to {low}, "
+                f"{self.nodes.words(self.step, int(self.after[i]))} from {high} on"
+                for i, (low, high) in zip(order, ends, strict=True)
             ]
             return f"{where}: {'; '.join(turns)}"
+        n, even = len(self.weight), evenly(self.weight)
         if not len(self.draw):
-            return f"{where}: no draw changes its mind"
-        low, mid, high = self.quantiles((0.05, 0.5, 0.95))
-        text = f"{where}: first flip at {mid:.4g} in the median ({low:.4g} to {high:.4g} in the middle 90%)"
+            return f"{where}: none of {n:,} draws changes its mind"
+        text = f"{where}: {of_draws(1 - self.share_without, n, even)} flip, {self._where_first()}"
         if self.share_without > 0:
-            kept = ", ".join(f"{name} {share:.0%}" for name, share in self.always.items())
-            text += f"; {self.share_without:.0%} of the draws have none ({kept} throughout)"
+            kept = ", ".join(f"{name} {of_draws(share, n, even, '')}" for name, share in self.always.items())
+            text += f"; the others never ({kept} throughout)"
         if self.share_several > 0:
-            text += f"; {self.share_several:.0%} have several"
+            text += f"; {of_draws(self.share_several, n, even, '')} have several"
         return text
+
+    def _where_first(self) -> str:
+        """Where draws that flip do so first: one by one, as a range, or with quantiles, by how many they are."""
+        has = np.isfinite(self.first)
+        values, weight = self.first[has], self.weight[has]
+        order, even = np.argsort(values, kind="stable"), evenly(self.weight)
+        if len(values) <= LISTED:
+            own = [f"{values[i]:.4g}" + ("" if even else f" (weight {weight[i]:.2g})") for i in order]
+            return f"at {', '.join(own)}" if len(own) == 1 else f"first at {', '.join(own)}"
+        low, middle, high = self.quantiles((0.05, 0.5, 0.95))
+        if len(values) < ENOUGH:
+            return f"first from {values.min():.4g} to {values.max():.4g}, in the median of these at {middle:.4g}"
+        return f"among these first at {middle:.4g} in the median ({low:.4g} to {high:.4g} in the middle 90%)"
+
+
+def _apart(low: float, high: float) -> tuple[str, str]:
+    """Two numbers with as many digits as tell them apart, six at least."""
+    for digits in range(6, 18):
+        ends = f"{low:.{digits}g}", f"{high:.{digits}g}"
+        if ends[0] != ends[1]:
+            break
+    return ends
 
 
 def find_flips(

@@ -24,6 +24,15 @@ PRINTED_COSTS = (30.0, 15.0, 5.0, 0.0)
 SURE, LEANING = 0.95, 0.75
 """Shares of the draws from which on a recommendation is called sure, and from which on it is more than a toss."""
 
+ENOUGH, ENOUGH_TO_BE_SURE = 20, 59
+"""Draws from which on shares are told as percentages and a toss is called one, and from which on anything is sure.
+
+Were the share of a posterior below `SURE`, 59 of its draws would all agree less than once in twenty times.
+"""
+
+FEW_DRAWS, ONE_MODEL, BY_RESPONSE = "too few draws", "one model", "depends on responses"
+"""Verdicts where shares are none; the last of one model that does different things after different responses."""
+
 ROUNDING = 1e-9
 """What sums of weights may miss such a share by."""
 
@@ -87,7 +96,9 @@ class RewardGrid:
         What is not varied.
     r : tuple of float
     costs : tuple of tuple of float
-        One for each of `axes`.
+        One for each of `axes`: all costly actions of a mode cost the same.
+    as_given : bool
+        The only cell is `base` itself, in which costly actions of one mode may differ.
 
     Raises
     ------
@@ -99,6 +110,7 @@ class RewardGrid:
     base: Reward
     r: tuple[float, ...] = PRINTED_R
     costs: tuple[tuple[float, ...], ...] = ()
+    as_given: bool = False
 
     def __post_init__(self) -> None:
         if not self.costs:
@@ -127,6 +139,13 @@ class RewardGrid:
             (values,) * len(axes),
         )  # fmt: skip
 
+    @classmethod
+    def point(cls, protocol: Protocol, reward: Reward) -> RewardGrid:
+        """One cell: a reward as it is; named by the cost of each mode's first costly action."""
+        first = [axis.actions[0] for axis in cost_axes(protocol)]
+        costs = tuple((reward.costs.get(a, protocol.costs[a]),) for a in first)
+        return cls(protocol, reward, (reward.r,), costs, as_given=True)
+
     @cached_property
     def axes(self) -> tuple[CostAxis, ...]:
         """Costs that are varied."""
@@ -140,6 +159,8 @@ class RewardGrid:
     @cached_property
     def rewards(self) -> tuple[Reward, ...]:
         """Reward of every cell."""
+        if self.as_given:
+            return (self.base,)
         return tuple(reward_at(self.base, r, dict(zip(self.axes, costs, strict=True))) for r, costs in self.cells)
 
     @property
@@ -177,6 +198,11 @@ class GridDecisions:
         return len(self.weight)
 
     @property
+    def even(self) -> bool:
+        """Whether all draws weigh the same."""
+        return evenly(self.weight)
+
+    @property
     def n_steps(self) -> int:
         """Number of steps."""
         return self.answers.nodes.n_steps
@@ -188,7 +214,7 @@ class GridDecisions:
 
     def shares(self, k: int) -> Array:
         """Share of the draws, by weight, that take each action, the last column undecided; ``[g, c + 1]``."""
-        return np.asarray(np.einsum("d,gdc->gc", self.weight, self.by_draw(k)))
+        return np.asarray(np.clip(np.einsum("d,gdc->gc", self.weight, self.by_draw(k)), 0.0, 1.0))
 
     def acting(self, k: int) -> Array:
         """How often each draw does anything but the null action; open decisions count half; ``[g, d]``."""
@@ -224,7 +250,9 @@ class GridDecisions:
                 action, share = chosen(named)
                 out.append({
                     "reading": self.reading, "r": r, **own, "k": k, "mode": modes[k],
-                    "action": action, "share": share, "shares": named, "verdict": verdict(action, share),
+                    "action": action, "share": share, "shares": named,
+                    "verdict": verdict(action, share, self.n_draws),
+                    "agree": of_draws(share, self.n_draws, self.even),
                 })  # fmt: skip
         return out
 
@@ -242,19 +270,68 @@ def chosen(shares: Mapping[str, float]) -> tuple[str, float]:
     return (name, actions[name]) if actions[name] > 0 else (UNDECIDED, shares.get(UNDECIDED, 1.0))
 
 
-def verdict(action: str, share: float) -> str:
+def verdict(action: str, share: float, draws: int | None = None) -> str:
     """Whether a recommendation is knowledge or a toss: sure, leaning, or coin toss.
+
+    Parameters
+    ----------
+    action : str
+    share : float
+        Of the draws that take it.
+    draws : int, optional
+        How many were asked. Fewer than `ENOUGH` say neither that something is sure nor that it is a toss, and fewer
+        than `ENOUGH_TO_BE_SURE` at most that they lean; one model knows no doubt, but what it does may depend on
+        the responses before. Without it only the share counts.
 
     Examples
     --------
     >>> verdict("help", 0.97), verdict("help", 0.8), verdict("help", 0.6)
     ('sure', 'leaning', 'coin toss')
+    >>> verdict("help", 1.0, 100), verdict("help", 1.0, 25), verdict("help", 1.0, 10), verdict("help", 1.0, 1)
+    ('sure', 'leaning', 'too few draws', 'one model')
     """
     if action == UNDECIDED:
         return UNDECIDED
-    if share >= SURE - ROUNDING:
+    if draws == 1:
+        return ONE_MODEL if share >= 1 - ROUNDING else BY_RESPONSE
+    if draws is not None and draws < ENOUGH:
+        return FEW_DRAWS
+    if share >= SURE - ROUNDING and (draws is None or draws >= ENOUGH_TO_BE_SURE):
         return "sure"
     return "leaning" if share >= LEANING - ROUNDING else "coin toss"
+
+
+def evenly(weight: Array) -> bool:
+    """Whether all draws weigh the same."""
+    return bool(np.allclose(weight, weight[0]))
+
+
+def of_draws(share: float, draws: int, even: bool = True, noun: str = " draws") -> str:
+    """A share with the number of draws that it rests on: a count where there are fewer than `ENOUGH`.
+
+    Parameters
+    ----------
+    share : float
+        By weight.
+    draws : int
+    even : bool
+        Whether all weigh the same; if not, a few cannot be counted and the share is given.
+    noun : str
+        After the number; empty where the number of draws stands elsewhere, and then percentages go without it.
+
+    Examples
+    --------
+    >>> of_draws(2 / 3, 3), of_draws(0.67, 400), of_draws(0.7, 3, even=False), of_draws(0.67, 400, noun="")
+    ('2 of 3 draws', '67% of 400 draws', '70% of the weight of 3 draws', '67%')
+    """
+    if draws >= ENOUGH:
+        return f"{share:.0%} of {draws:,}{noun}" if noun else f"{share:.0%}"
+    if draws == 1:
+        return ONE_MODEL
+    count = share * draws
+    if even and abs(count - round(count)) < 1e-6:
+        return f"{round(count)} of {draws}{noun}"
+    return f"{share:.0%} of {'' if even else 'the weight of '}{draws}{noun}"
 
 
 def decide_grid(decider: Decider, grid: RewardGrid, discount: float, available: int | None = None) -> GridDecisions:

@@ -1,5 +1,7 @@
 """The command ``safeguard``: JSON, words, files, refusals."""
 
+from contextlib import suppress
+
 import pytest
 
 from analysis import cli, cli_safeguard
@@ -85,7 +87,8 @@ def test_a_model_file_and_counted_actions(tmp_path, capsys):
         (("--expected-cost", "nan"), "--expected-cost: found nan"),
         (("--tolerance", "inf"), "--tolerance: found inf"),
         (("--confidence", "1"), "--confidence: found 1.0, wanted a probability from 0 to below 1"),
-        (("--confidence", ".5", "--margin", "-1"), "confidence, tolerance: found -1.0"),
+        (("--confidence", ".5", "--margin", "-1"), "--margin: found -1.0, wanted a number of at least 0"),
+        (("--budget", "30", "--margin", "2"), "--margin: found 2.0, wanted --confidence with it"),
         (("--fallback", "help"), "--fallback: found 'help', wanted MODE=ACTION"),
         (("--fallback", "human_needs_help=wave"), "action in mode human_needs_help: found 'wave'"),
         (("--budget", "15", "--fallback", "human_needs_help=help"), "wanted free actions"),
@@ -97,6 +100,50 @@ def test_refusals(fit, capsys, options, words):
     status, _, err = command.run_captured(capsys, "safeguard", fit, "--schedule", "HR", *options)
     assert status == 2
     assert words in err
+
+
+def test_modes_of_fallbacks_may_be_letters(fit, capsys):
+    options = ("safeguard", fit, "--schedule", "HR", "--tolerance", 1, "--fallback")
+    found = command.result_of(capsys, *options, "R=help", "--fallback", "robot_needs_help=signal")
+    assert found["fallback"] == {"human_needs_help": "help", "robot_needs_help": "signal"}
+    status, _, err = command.run_captured(capsys, *options, "R=help", "--fallback", "human_needs_help=no_help")
+    assert status == 2
+    assert "the action of human_needs_help once" in err
+
+
+def test_both_limits_on_spending(fit, capsys):
+    """The robot's policy keeps the expected cost by itself and the budget by the safeguard; that is said."""
+    options = ("safeguard", fit, "--schedule", "HRHR", "--budget", 15, "--expected-cost", 10)
+    found = command.result_of(capsys, *options)
+    assert sum("the budget of 15 stops it and is not planned for" in s for s in found["sentences"]) == 1
+    found = command.result_of(capsys, *options[:6])
+    assert not any("not planned for" in s for s in found["sentences"])
+
+
+def test_charges_of_many_digits(tmp_path, capsys):
+    """No plan within a budget is worth less than one that a safeguard stops there, none more than the best."""
+    write_model(people(1, 3, seed=4)[0], tmp_path / "model.json")
+    options = ("--cost-help", "0.3333333333333333", "--cost-signal", 0.1, "--budget", 2.6)
+    found = command.result_of(capsys, "safeguard", tmp_path / "model.json", "--schedule", "HRHRHR", *options)
+    best = next(r["value"] for r in found["influence"] if r["safeguards"] == "none")
+    assert found["budgets"][-1]["value"] == pytest.approx(best)
+    assert found["curve"][-1]["value"] == pytest.approx(best)
+    assert found["budgets"][-1]["budget"] == pytest.approx(1.3)
+    assert any("no less." in s for s in found["sentences"])
+
+
+def test_the_policy_is_written_before_anything_is_said(fit, tmp_path, capsys, monkeypatch):
+    """Whoever reads the first lines only, as `head` does, ends the command."""
+
+    def broken(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("analysis.cli_options.Report.say", broken)
+    with suppress(BaseException):
+        command.run_captured(
+            capsys, "safeguard", fit, "--schedule", "HR", "--budget", 15, "--policy", tmp_path / "guarded.json"
+        )
+    assert isinstance(read_policy(tmp_path / "guarded.json"), Guarded)
 
 
 def test_fallbacks_twice():

@@ -5,7 +5,7 @@ import json
 import pytest
 import typer
 
-from analysis.cli_sensitivity import sensitivity_command
+from analysis.cli_sensitivity import _after_compiling, sensitivity_command
 from analysis.simulate import calibrated_truth
 from models.errors import InputError
 from models.model_files import write_model
@@ -86,6 +86,18 @@ def test_a_fit(fit, tmp_path, capsys):
         assert sum(row["shares"].values()) == pytest.approx(1)
         assert row["share"] == max(v for name, v in row["shares"].items() if name != "undecided")
     assert "currencies" in found["beside_note"]
+    asked = {name: {row["draws"] for row in found["belief"] if row["reading"] == name} for name in found["asked"]}
+    assert asked == {"infinite": {3}, "two-step": {8}, "two-step-terminal": {8}}
+    assert {c["draws"] for c in found["critical"] if c["reading"] == "infinite"} == {2}
+    assert {f["draws"] for f in found["findings"] if f["reading"] == "infinite"} == {2, 3}
+    grid = {
+        (row["reading"], row["k"]): row["share"] for row in found["cells"]
+        if (row["r"], row["cost_help"], row["cost_signal"]) == (0.06, 15, 15)
+    }  # fmt: skip
+    # The same question has one answer, wherever it stands.
+    assert grid == {(r["reading"], r["k"]): r["share"] for r in found["belief"] if r["variant"] == "own"}
+    agree = {row["agree"] for row in found["cells"] if row["reading"] == "infinite"}
+    assert agree <= {"1 of 3 draws", "2 of 3 draws", "3 of 3 draws"}
     curve = next(c for c in found["critical"] if c["parameter"] == "r")
     assert curve["flips"] is None
     assert set(curve["quantiles"]) == {"q05", "q25", "q50", "q75", "q95"}
@@ -96,7 +108,7 @@ def test_words(model, capsys):
     said = capsys.readouterr()
     for words in (
         "Policy without a horizon", "flips: human_needs_help, r from", "Printed in the paper, and found here",
-        "points are missed", "Initial belief", "at both ends of a bracket are proven",
+        "points are missed", "Initial belief", "at both ends of a bracket are proven", "no flip of any step: ",
     ):  # fmt: skip
         assert words in said.out
     assert said.err == ""
@@ -139,7 +151,8 @@ def test_three_modes(tmp_path, capsys):
     ("arguments", "words"),
     [
         (["--r-grid", ".06,high"], "--r-grid: found 'high'"), (["--r-grid", ".06,.06"], "every number once"),
-        (["--cost-grid", "-3"], "--cost-grid: found -3"), (["--cost-grid", "inf"], "finite numbers"),
+        (["--cost-grid", "-3"], "--cost-grid: found -3"), (["--r-grid", "-.06,.06"], "--r-grid: found -0.06"),
+        (["--cost-grid", "inf"], "finite numbers"),
         (["--reading", "three"], "--reading: found 'three'"), (["--discount", "1"], "--discount: found 1"),
         (["--endless-draws", "0"], "--endless-draws: found 0"), (["--draws", "0"], "--draws: found 0"),
         (["--stored"], "--stored: found"), (["--person", "1"], "--person: found"),
@@ -159,3 +172,11 @@ def test_no_such_file_and_failed_gates(tmp_path):
     with pytest.raises(InputError, match="gate"):
         run(bad)
     assert run(bad, "--force", "--quiet", "--reading", "two-step") == 0
+
+
+def test_somebody_who_watches_is_told_of_compiling_at_once():
+    seen = []
+    told = _after_compiling(lambda *step: seen.append(step))
+    assert [step[1:] for step in seen] == [(0, 1)]
+    told("grid", 3, 9)
+    assert seen[1:] == [(seen[0][0], 1, 1), ("grid", 3, 9)]

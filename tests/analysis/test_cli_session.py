@@ -112,6 +112,21 @@ def test_lines_that_cannot_be_used_change_nothing(command, policy_file, tmp_path
     assert verify(tmp_path / "log").decisions == 2
 
 
+def test_a_mode_that_cannot_follow_leaves_the_event_open(command, tmp_path):
+    """After a mode that shows nothing the next mode ends the event, unless it is refused."""
+    write_policy(make("plan"), tmp_path / "policy.json")
+    words = ("session", tmp_path / "policy.json", "--log", tmp_path / "log")
+    lines = ["H", "help", "R", "R", "performed help", "H"]
+    status, out, _ = command(*words, lines=lines)
+    assert status == 2
+    assert out[3].startswith("refused: policy exact plan, event 2, mode: found 'human_needs_help'")
+    assert out[4] == "noted: help was done"
+    assert out[5].split(":")[0] in ("signal", "no_signal")
+    entries = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    assert [e["event"] for e in entries] == ["start", *["decide", "observe"] * 2, "decide", "close"]
+    assert verify(tmp_path / "log").ok
+
+
 def test_withdrawal_and_quit(command, policy_file, tmp_path):
     lines = ["H", "withdraw", "H", "anything at all", "anything", "H", "withdraw", "quit", "H"]
     status, out, _ = command("session", policy_file, "--log", tmp_path / "log", "--json", "-", lines=lines)
@@ -191,7 +206,9 @@ def test_other_protocols(command, tmp_path):
 @pytest.mark.parametrize(("words", "said"), [
     ((), "POLICY_FILE: found None"), (("none.json",), "none.json: no such file"),
     (("{policy}", "--log", "no/such/log"), "no folder"), (("{policy}", "--log", "{policy}"), "another file than"),
-    (("--restore", "none.log"), "No such file"), (("{policy}", "--budget", "-1"), "budget, limit"),
+    (("--restore", "none.log"), "No such file or directory, wanted the log of a session"),
+    (("{policy}", "--budget", "-1"), "--budget: found -1.0, wanted a finite number"),
+    (("{policy}", "--budget", "inf"), "--budget: found inf, wanted a finite number"),
     (("{policy}", "--cost", "help=3"), "--budget with it"), (("{policy}", "--fallback", "H"), "MODE=ACTION"),
     (("{policy}", "--fallback", "H=help"), "action in mode robot_needs_help"),
     (("{policy}", "--fallback", "X=help"), "mode: found 'X'"),
@@ -254,6 +271,7 @@ def test_a_person_at_a_terminal(checkout, policy_file, tmp_path):
     os.close(theirs)
     assert child.returncode == 0
     assert said.startswith("always, seed 1; log ")
+    assert "undo" not in said, "what cannot be done is not offered"
     assert said.count("modes: R human_needs_help, H robot_needs_help") == 3, "help, where it can be no response"
     assert f"mode (R, H)> {SIGNAL}\nresponse (no_help, help, missing)> noted\n" in said
     assert verify(tmp_path / "log").decisions == 2
@@ -279,6 +297,13 @@ def test_verify(command, policy_file, tmp_path):
     assert status == 2
     assert [p["kind"] for p in found["problems"]] == ["torn", "last hash"]
     assert "line 7: is unfinished" in err
+    first = content.splitlines(keepends=True)[0]
+    log.write_bytes(first)
+    assert "1 entry, 0 decisions" in command("audit", "verify", log)[1][0]
+    log.write_bytes(content.replace(b'"n":0', b'"n":1e999', 1))
+    status, _, err = command("audit", "verify", log)
+    assert (status, "Traceback" in err) == (2, False)
+    assert "line 1: does not fit its hash" in err
     log.write_bytes(content.replace(b"signal", b"help", 1))
     status, _, err = command("audit", "verify", log)
     assert status == 2

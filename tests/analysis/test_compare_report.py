@@ -1,5 +1,7 @@
 """Two sides compared: numbers against plain computation, tests that hold their level, the page, its errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,8 +15,9 @@ from analysis.pair_differences import (
     rate_differences,
     same_model_test,
 )
-from analysis.report.compare import compare_report
+from analysis.report.compare import _Comparison, compare_report
 from analysis.report.effort import Effort
+from analysis.report.section import NotSupported
 from analysis.side_by_side import Side, shared_states
 from models.baum_welch import BaumWelch
 from models.errors import InputError
@@ -27,8 +30,10 @@ from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
 from models.posterior_files import write_posterior
 from models.protocol import PUBLISHED
+from models.reward import Reward
 from tests.analysis.command import result_of, run
 from tests.analysis.report_cases import CORRIDOR, little_effort, random_log
+from tests.random_cases import random_tables
 
 DATE = "2026-01-31"
 
@@ -276,6 +281,61 @@ def test_other_protocols_are_refused(files, tmp_path, capsys):
     )
     assert "X" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def corridor_side(label, seed, reward=None):
+    model = LatentStatePOMDP(*random_tables(np.random.default_rng(seed), CORRIDOR, 2), CORRIDOR, reward=reward)
+    return Side(
+        label, label.lower(), label, "unstated", "", {}, {2: model}, {2: ModelDraws.from_models([model])}, "x"
+    )
+
+
+def test_plans_of_another_protocol_need_rewards_of_their_own():
+    own = Reward.of_values([0.0, 8.0])
+    for rewards in ((None, None), (own, None)):
+        pair = tuple(corridor_side(name, i, r) for i, (name, r) in enumerate(zip("AB", rewards, strict=True)))
+        with pytest.raises(NotSupported, match="what a round is worth is not known for protocol 'corridor'"):
+            _Comparison(pair, (2,), Effort.of(True), 1, None, None).plans()
+    pair = (corridor_side("A", 1, own), corridor_side("B", 2, own))
+    (part,) = _Comparison(pair, (2,), Effort.of(True), 1, None, None).plans()
+    assert part.key == "plans-2"
+    said = part.blocks[0].text
+    assert said.startswith("With 2 states, over SPDSPDSPD, ")
+    assert "plan of A in A" not in said
+    assert "plan of B in B" not in said
+
+
+def test_a_plan_that_loses_nothing_is_said_to(sides):
+    a, _ = sides
+    pair = (a, replace(a, label="B"))
+    (part,) = _Comparison(pair, (2,), Effort.of(True), 1, "RH", None).plans()
+    assert "nothing is lost by acting on the other side's model" in part.blocks[0].text
+    assert "95%" not in part.blocks[0].text
+
+
+def test_the_same_data_on_both_sides_are_said_to_be(sides):
+    a, b = (replace(s, digest="abc") for s in sides)
+    told = [_Comparison(pair, (2,), Effort.of(True), 1, None, None).what()[0] for pair in ((a, b), sides)]
+    assert "Both rest on the same data" in told[0].text
+    assert not hasattr(told[1], "text")
+
+
+def test_prediction_warns_that_the_own_model_has_seen_its_people(sides):
+    warning = _Comparison(sides, (2,), Effort.of(True), 1, None, None).prediction()[0]
+    assert warning.kind == "warning"
+    assert "loses even where nothing differs" in warning.text
+
+
+def test_what_cannot_be_a_side_is_named(files, tmp_path, capsys):
+    model = tmp_path / "model.json"
+    model.write_text("{}")
+    for name, words in ((model, "wanted a data set, an event file or a fit (.nc)"), ("nosuch", "data: found")):
+        assert (
+            run("report", "--compare", files[0], name, "--states", "1", "--quick", "--out", tmp_path / "out") == 2
+        )
+        said = capsys.readouterr().err
+        assert "--compare, B: " in said
+        assert words in said
 
 
 def test_sides_of_another_protocol(tmp_path):

@@ -239,7 +239,10 @@ def test_a_plan_for_what_is_not_there_is_refused_with_what_looks_like_it(small, 
         (PLAN.replace("why", "because"), "key: found 'because'"),
         (PLAN.split("[[planned]]", maxsplit=1)[0], "at least one"),
         ("planned = 3\n" + PLAN.split("[[planned]]", maxsplit=1)[0], "at least one"),
-        ("planned = [3]\n" + PLAN.split("[[planned]]", maxsplit=1)[0], "planned entry 1"),
+        (
+            "planned = [3]\n" + PLAN.split("[[planned]]", maxsplit=1)[0],
+            "planned entry 1: found int, wanted a [[planned]] table with results and why: results = [",
+        ),
     ],
 )
 def test_malformed_plans_are_refused(plan, text, message):

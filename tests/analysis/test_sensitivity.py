@@ -9,11 +9,13 @@ from analysis.design import published
 from analysis.figures.sensitivity import action_map, action_panel, critical_values, initials, share_map, share_panel
 from analysis.figures.style import to_svg
 from analysis.sensitivity import READINGS, SensitivityEffort, decider_of, discounts_of, sensitivity_study
-from analysis.sensitivity_findings import check_findings
+from analysis.sensitivity_findings import Finding, Measure, check_findings
 from analysis.sensitivity_variants import Beside, game_scores
 from analysis.simulate import calibrated_truth
 from models.errors import InputError
+from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.protocol import Action, Mode, Protocol, Response
 from models.sensitivity.few_steps import FewSteps
 from models.sensitivity.reward_grid import PRINTED_COSTS, PRINTED_R, RewardGrid, decide_grid
 from models.unseen import without_actions
@@ -137,6 +139,87 @@ def test_sensitive_means_that_the_action_moves(truth):
     assert verdicts(cost, [moves, still])["contrast"].share == 0
 
 
+def test_what_is_free_does_not_make_it_sensitive_unsaid(truth):
+    """Helping moves with what it costs, signalling mostly by being free: beside the verdict stands the rest."""
+    free = made_up(truth, lambda r, h, s: h <= 5, lambda r, h, s: s == 0 or (s == 5 and r > 0.05))
+    moves = np.stack([np.zeros((20, 1)), np.ones((20, 1))])
+    found = verdicts(free, [np.zeros((2, 20, 1)), moves])["contrast"]
+    costs, paid, _ = found.measures
+    assert (costs.value, costs.decides) == (pytest.approx(0.0), True)
+    # Of 5 x 4 lines without the free cell helping changes on all, signalling on those of three r.
+    assert (paid.value, paid.decides) == (pytest.approx(0.6 - 1.0), False)
+
+
+def test_signalling_after_helping_is_compared_at_the_same_r_too(truth):
+    """Steep r makes both pay: over the grid they go together, at the same r and cost a signal follows no help."""
+    steep = made_up(
+        truth, lambda r, h, s: r >= 0.08 or (r >= 0.06 and h <= 5),
+        lambda r, h, s: r >= 0.08 or (r >= 0.06 and h > 5),
+    )  # fmt: skip
+    found = verdicts(steep)["signalling"]
+    assert found.measures[0].value > 0
+    assert "cells of the grid in which it helped" in found.measures[0].name
+    alike = found.measures[-1]
+    assert "at the same r" in alike.name
+    assert (alike.value, alike.holds, alike.decides) == (pytest.approx(-1.0), False, False)
+
+
+def test_the_draws_decide_by_their_share_not_by_their_mean(truth):
+    def finding(share, draws, of_mean=True):
+        measure = Measure("m", "w", 0.503, of_mean, share)
+        return Finding("helping", "p", "two-step", (measure,), share, draws)
+
+    assert finding(0.99, 200, of_mean=False).over_draws == "holds"
+    assert (
+        finding(0.99, 200, of_mean=False).sentence == "holds in 99% of 200 draws. Means over the draws: m: 0.503."
+    )
+    assert finding(0.32, 200).over_draws == "open"
+    assert finding(0.03, 200).over_draws == "does not hold"
+    assert finding(0.5, 2).over_draws == finding(1.0, 58).over_draws == "too few draws"
+    assert finding(0.5, 2).sentence.startswith("holds in 1 of 2 draws")
+    assert finding(1.0, 1).sentence == "holds: m: 0.503."
+    told = finding(0.99, 200, of_mean=False).to_dict()
+    assert (told["verdict"], told["verdict_of_mean"], told["holds"]) == ("holds", "does not hold", True)
+    assert finding(0.32, 200).to_dict()["holds"] is None
+
+
+def test_undecided_cells_that_might_turn_a_verdict_leave_none(truth):
+    whole = made_up(truth, lambda r, h, s: r >= 0.08, lambda r, h, s: False)
+    choice = whole.answers.choice.copy()
+    costs = np.array([c for _, c in whole.grid.cells])[:, 0]
+    steep = np.array([r for r, _ in whole.grid.cells])
+    few, many = choice.copy(), choice.copy()
+    few[(steep == 0.06) & (costs == 0), 0] = -1
+    many[(steep == 0.06) & (costs <= 15), 0] = -1
+    for changed, wanted in ((few, "holds"), (many, "cannot be told")):
+        found = verdicts(replace(whole, answers=replace(whole.answers, choice=changed)))["helping"]
+        assert found.verdict == found.over_draws == wanted
+        assert "Undecided cells count half." in found.sentence
+    assert "Undecided" not in verdicts(whole)["helping"].sentence
+
+
+def test_variants_keep_costs_of_one_mode_apart():
+    """Two costly actions in one mode: what stays is the reward as given, not the first one's cost for both."""
+    modes = (
+        Mode("stuck", "S", (Action("wait"), Action("ask", 5.0), Action("trade", 8.0)), "wait", True),
+        Mode("helping", "P", (Action("pass_by"), Action("assist", 15.0)), "pass_by", False),
+    )
+    protocol = Protocol("corridor", modes, (Response("refused", 0.0), Response("helped", 1.0)))
+    moved = np.array([0.0, 0.17, 0.2, 0.0, 0.0])
+    # At r .06 a person in the upper state is worth 40.8: asking brings 1.9 and trading .2, were it 5 as well 3.2.
+    transition = np.stack([[[1 - m, m], [0.0, 1.0]] for m in moved])
+    model = LatentStatePOMDP(np.array([1.0, 0.0]), transition, np.full((3, 2, 2), 0.5), protocol)
+    draws = ModelDraws.from_models([model])
+    beside = [Beside("the same", draws)]
+    study = sensitivity_study(draws, readings=("two-step",), beside=beside, effort=LITTLE)
+    told = {
+        row["action"] for kind in ("belief", "x", "beside") for row in study.variants[kind]
+        if row["variant"] in ("own", "as given", "the same") and row["k"] == 0
+    }  # fmt: skip
+    assert told == {"ask"}
+    assert study.flips("two-step", "r")[0].before[0] == 0
+
+
 def test_other_robots_are_asked_no_printed_findings():
     fewer = without_actions(ModelDraws.from_models(people(1, 3)), ["signal"])
     study = sensitivity_study(fewer, readings=("two-step",), effort=LITTLE)
@@ -151,6 +234,16 @@ def test_shares_over_draws(posterior):
         assert row["draws"] == (3 if row["reading"] == "infinite" else 6)
     assert all(0 <= f.share <= 1 for f in posterior.findings if f.share is not None)
     kinds = posterior.variants
+    # As many draws as the grid where that is cheap: the same question has the same answer.
+    assert {row["draws"] for row in kinds["belief"] if row["reading"] != "infinite"} == {6}
+    cell = {
+        (row["reading"], row["k"]): row["share"] for row in posterior.rows()
+        if (row["r"], row["cost_help"], row["cost_signal"]) == (0.06, 15, 15) and row["reading"] != "infinite"
+    }  # fmt: skip
+    assert (
+        cell.items()
+        <= {(row["reading"], row["k"]): row["share"] for row in kinds["belief"] if row["variant"] == "own"}.items()
+    )
     assert {row["states"] for row in kinds["beside"]} == {2, 3}
     assert "other (2 states)" in {row["variant"] for row in kinds["beside"]}
     assert {row["discount"] for row in kinds["discount"] if row["reading"] == "infinite"} < {
@@ -185,6 +278,25 @@ def test_figures(truth, posterior):
     assert {"N", "H", "S"} <= letters
     numbers = {t.get_text() for t in share_map(truth.maps["two-step"]).texts}
     assert {"0", "100"} <= numbers
+    legend = [t.get_text() for t in action_map(truth.maps["infinite"]).get_legend().get_texts()]
+    assert legend == ["N: no help, no signal", "H: help", "S: signal"]
+
+
+def test_figures_of_few_draws_count_them(posterior):
+    found = posterior.maps["infinite"]
+    ax = share_map(found)
+    assert ax.get_legend().get_title().get_text() == "how many of 3 draws act"
+    assert {t.get_text() for t in ax.texts if t.get_text().isdigit()} <= {"0", "1", "2", "3"}
+    assert not any("toss" in t.get_text() for t in ax.get_legend().get_texts())
+    many = decide_grid(FewSteps(ModelDraws.from_models(people(20, 3)), True), RewardGrid.of(posterior.draws), 1.0)
+    ax = share_map(many)
+    assert ax.get_legend().get_title().get_text() == "percent of 20 draws"
+    assert any("toss" in t.get_text() for t in ax.get_legend().get_texts())
+    assert "(3 draws): step 0" in posterior.sentence
+    assert "toss" not in posterior.sentence
+
+
+def test_figures_refuse(truth):
     with pytest.raises(InputError, match="one number and one step"):
         critical_values([*truth.flips("infinite", "r")])
     with pytest.raises(InputError, match="map of a grid, r"):

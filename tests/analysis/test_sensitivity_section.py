@@ -37,8 +37,10 @@ def test_what_is_said(bundled):
     said = " ".join(shown.sentences)
     for words in (
         "It prints neither a discount", "different currencies", "How many cells are knowledge",
-        "Point estimate: ", "Quick. Draws asked, evenly spaced: 4 for policy without a horizon",
-        "maps of the other readings",
+        "Point estimate: ", "maps of the other readings", "Quick. Draws asked, evenly spaced. Policy without a "
+        "horizon: 4 about the grid, 2 about discount, scores, belief, prior, 2 about flips, 2 about certainty",
+        "Two steps, nothing after them: 20 about the grid", "a horizon, 4 draws, of 80 cells step 0: all agree in ",
+        "(all of 4 may still be 47% of the posterior)",
     ):  # fmt: skip
         assert words in said
     keys = {f.key for f in shown.figures}
@@ -48,19 +50,55 @@ def test_what_is_said(bundled):
     assert all(svg.startswith("<svg") for f in shown.figures for svg in f.svgs())
 
 
+def test_so_few_draws_are_never_called_sure(bundled):
+    knowledge = next(t for t in bundled[1].sentences if t.startswith("How many cells are knowledge"))
+    endless = knowledge.split("Policy without a horizon")[1].split("Two steps")[0]
+    assert " sure" not in endless
+    assert "toss" not in endless
+    # Twenty draws may disagree, and never be sure.
+    rest = knowledge.split("Two steps", 1)[1]
+    assert "a toss" in rest
+    assert " sure" not in rest
+    assert "90%" not in " ".join(t for t in bundled[1].sentences if t.startswith("no horizon"))
+
+
+def test_a_share_of_few_draws_is_a_count(bundled):
+    for table in bundled[1].tables:
+        if table.key.rsplit("-", 1)[0] in ("sensitivity-discount", "sensitivity-x", "sensitivity-belief"):
+            endless = table.frame[[c for c in table.frame if str(c).startswith("infinite")]]
+            assert not endless.astype(str).apply(lambda c: c.str.contains("%")).any().any()
+            assert endless.iloc[0].str.contains(" [12]/2$").all()
+            assert "no horizon, 2 draws" in [heading for heading, _ in table.groups]
+
+
+def test_the_legend_of_critical_values_names_the_draws(bundled):
+    figure = next(f for f in bundled[1].figures if f.key.startswith("sensitivity-critical-"))
+    ax = next(iter(figure.drawn()))
+    told = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert any("of 2 draws never flip" in t for t in told)
+    assert any("of 10 draws never flip" in t for t in told)
+    assert max(ax.get_ylim()) < 1.1
+
+
 def test_printed_findings_stand_beside_what_is_found(bundled):
     table = next(t for t in bundled[1].tables if t.key.startswith("sensitivity-findings-"))
     assert "printed" in table.printed
-    assert len(table.frame) == 9
-    assert {"estimate", "draws", "share", "truth"} <= set(table.frame.columns)
-    told = {"holds", "holds in part", "does not hold", "cannot be told"}
-    assert set(table.frame["truth"]) <= told
+    assert table.wraps
+    assert list(table.frame.columns) == ["printed", "infinite", "two-step", "two-step-terminal"]
+    assert [text.split()[2 if i < 2 else 0] for i, text in enumerate(table.frame["printed"])] == [
+        "helping", "after", "signalling"
+    ]  # fmt: skip
+    verdict = "(holds|holds in part|does not hold|cannot be told)"
+    for reading, n in (("infinite", "[24]"), ("two-step", "20"), ("two-step-terminal", "20")):
+        cell = f"point: {verdict}; draws: (\\d+%? of {n}|cannot be told); truth: {verdict}"
+        assert table.frame[reading].str.fullmatch(cell).all()
 
 
 def test_numbers_of_states_come_with_the_warning(bundled):
     table = next(t for t in bundled[1].tables if t.key == "sensitivity-states")
     assert table.frame["states"].tolist() == [2, 3]
     assert "different currencies" in table.caption
+    assert sum("spread evenly and printed nowhere" in text for text in [table.caption, *bundled[1].sentences]) == 1
     assert not any("value" in str(c) for c in table.frame.columns)
 
 

@@ -21,8 +21,9 @@ from models.protocol import PUBLISHED, Action, Mode, Protocol, Response
 from models.runtime import Session
 from models.runtime_content import pack, unpack
 from models.runtime_setting import responses_of
-from models.safeguards.consent import Consent
-from models.safeguards.guarded import decide
+from models.safeguards.budget import CostBudget
+from models.safeguards.consent import Consent, fallback_of
+from models.safeguards.guarded import Guarded, decide
 from models.safeguards.replay import verify
 from tests.models.planning.policy_cases import policy
 from tests.models.session_cases import (
@@ -308,6 +309,37 @@ def test_withdrawal_deletes_what_was_believed(kind, pending, tmp_path):
     assert session.memory is None
     assert session.consent is Consent.WITHDRAWN
     session.close()
+
+
+def test_a_pending_decision_after_withdrawal_is_that_of_the_restored_session(tmp_path):
+    """What was proposed, and what a safeguard made of it, were worked out about the person."""
+    chosen = Guarded(always(PUBLISHED), [CostBudget.of(PUBLISHED, 0.0)], fallback_of(PUBLISHED))
+    session = Session(chosen, tmp_path / "log")
+    assert session.act(ROBOT).changed_by == ("budget",)
+    session.withdraw()
+    left = session.pending
+    assert (left.proposed, left.changed_by, left.numbers, left.explanation) == (left.choice, (), {}, "")
+    session.close()
+    assert Session.restore(tmp_path / "log").pending == left
+
+
+def test_check_refuses_what_the_next_decision_would_and_changes_nothing(tmp_path):
+    log = tmp_path / "log"
+    session = Session(policy("plan"), log)
+    with pytest.raises(InputError, match="session, check: found no decision to observe"):
+        session.check(HUMAN)
+    session.act(ROBOT)
+    before = log.read_bytes()
+    wrong_ones = {(ROBOT,): "as the schedule has it", (HUMAN, "Help"): "response", ("kitchen",): "mode"}
+    for wrong, told in wrong_ones.items():
+        with pytest.raises(InputError, match=told):
+            session.check(*wrong)
+    session.check(HUMAN, "help", "signal")
+    assert (session.event, session.pending is not None, log.read_bytes()) == (0, True, before)
+    session.observe("help")
+    assert session.act(HUMAN).action
+    session.close()
+    assert verify(log).ok
 
 
 def test_after_withdrawal_responses_are_neither_used_nor_logged(tmp_path):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import pandas as pd
 
-from analysis.figures.sensitivity import action_map, critical_values, share_map
+from analysis.figures.sensitivity import READING_LABELS, action_map, critical_values, share_map
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
@@ -19,22 +20,31 @@ from models.errors import located
 from models.model_draws import ModelDraws
 from models.parameters import STICKY
 from models.sensitivity.flips import Flips
-from models.sensitivity.reward_grid import LEANING, SURE
+from models.sensitivity.reward_grid import ENOUGH, ENOUGH_TO_BE_SURE, LEANING, ROUNDING, SURE, UNDECIDED
 from models.unseen import evidence_of_actions, unseen_actions, without_actions
 
 EFFORT = SensitivityEffort(
-    endless_draws=25, endless_variants=15, endless_critical=10, endless_certain=6, few_draws=2000, few_critical=400,
-    scan=33, endless_scan=13, moved=False,
+    endless_draws=60, endless_variants=60, endless_critical=25, endless_certain=25, few_draws=2000,
+    few_critical=400, scan=33, endless_scan=13, moved=False,
 )  # fmt: skip
 QUICK = SensitivityEffort(
-    endless_draws=10, endless_variants=3, endless_critical=3, endless_certain=2, few_draws=400, few_critical=100,
+    endless_draws=20, endless_variants=20, endless_critical=10, endless_certain=10, few_draws=400, few_critical=100,
     scan=17, endless_scan=9, moved=False,
 )  # fmt: skip
 ONLY_MAPS = SensitivityEffort(critical=False, variants=False)
 """For point estimates and a known truth: the grid and the findings."""
 
-SHORT = {"infinite": "no horizon", "two-step": "two steps", "two-step-terminal": "two steps, then rewarded"}
-"""Readings in the headings of tables."""
+SHORT = READING_LABELS
+
+FINDINGS = {
+    "helping": ("helping", "step 0: helping is dominant only for r >= 0.08"),
+    "signalling": (
+        "signalling", "step 1, after helping: a signal is more likely, especially for r >= 0.06 and moderate or "
+        "low cost; at steep r even at higher costs",
+    ),
+    "contrast": ("contrast", "signalling is more state- and cost-sensitive than helping"),
+}  # fmt: skip
+"""Row headings of the paper's findings, and what it prints of each."""
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -106,7 +116,8 @@ def _states(context: ReportContext, unseen: tuple[str, ...]) -> tuple[Block, ...
     table = Table(
         "sensitivity-states", frame,
         "What the point estimates of different numbers of states do at the paper's reward (r 0.06, costs 15). "
-        f"{CURRENCIES}", (context.origin,), headings=headings, groups=groups,
+        "Values in different currencies; only actions compare.", (context.origin,), headings=headings,
+        groups=groups,
     )  # fmt: skip
     return Text(CURRENCIES, "warning"), table
 
@@ -145,9 +156,26 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
     blocks += _findings(context, study, estimate, in_truth, k)
     blocks += _critical(context, study, k)
     blocks += _variants(context, study, k)
-    asked = ", ".join(f"{m.n_draws:,} for {READING_WORDS[r]}" for r, m in study.maps.items())
-    blocks.append(Text(f"{'Quick. ' if quick else ''}Draws asked, evenly spaced: {asked}.", "note"))
+    blocks.append(Text(f"{'Quick. ' if quick else ''}{_asked(study)}", "note"))
     return tuple(blocks)
+
+
+def _asked(study: SensitivityStudy) -> str:
+    """How many draws answered what."""
+    parts = []
+    for reading, found in study.maps.items():
+        flips = next((len(f.weight) for f in study.critical if f.reading == reading), None)
+        others = [row["draws"] for rows in study.variants.values() for row in rows if row["reading"] == reading]
+        own = [f"{found.n_draws:,} about the grid"]
+        own += [f"{max(others):,} about discount, scores, belief, prior"] if others else []
+        own += [f"{flips:,} about flips"] if flips is not None else []
+        certain = next((f.draws for f in study.findings if (f.key, f.reading) == ("contrast", reading)), None)
+        own += [f"{certain:,} about certainty of a state"] if certain is not None else []
+        parts.append(f"{READING_WORDS[reading]}: {', '.join(own)}")
+    return (
+        f"Draws asked, evenly spaced. {'. '.join(p[0].upper() + p[1:] for p in parts)}. A share of n draws may be "
+        "off by 1/sqrt(n) either way: 0.32 with 10 draws, 0.2 with 25, 0.1 with 100."
+    )
 
 
 def _maps(context: ReportContext, study: SensitivityStudy, estimate: SensitivityStudy, k: int) -> tuple[Block, ...]:
@@ -155,7 +183,8 @@ def _maps(context: ReportContext, study: SensitivityStudy, estimate: Sensitivity
     readings = tuple(study.maps)
     # Drawing takes longer than deciding: a quick report draws one reading, and says what all of them come to.
     shown = readings[:1] if context.effort.quick else readings
-    below = f"From top to bottom: {'; '.join(READING_WORDS[r] for r in shown)}."
+    names = "; ".join(READING_WORDS[r] for r in shown)
+    below = f"From top to bottom: {names}." if len(shown) > 1 else f"{names[0].upper()}{names[1:]}."
     words = tuple(f"{READING_WORDS[r]}: see the text." for r in shown)
     published = Figure(
         f"sensitivity-actions-{k}", tuple(partial(action_map, estimate.maps[r]) for r in shown),
@@ -163,11 +192,12 @@ def _maps(context: ReportContext, study: SensitivityStudy, estimate: Sensitivity
         f"each r (across), over the costs. {below} Letters and hatching say what the colours say.",
         words, (context.origin,),
     )  # fmt: skip
+    few = [f"{SHORT[r]}: {study.maps[r].n_draws:,}" for r in shown]
     shares = Figure(
         f"sensitivity-shares-{k}", tuple(partial(share_map, study.maps[r]) for r in shown),
-        "The same over the draws of the posterior, each deciding for itself at its own belief: share of the draws "
-        f"that act, in percent. Crossed cells are a toss: fewer than {LEANING:.0%} of the draws agree on any "
-        "action. Only cells near 0 and 100 are knowledge.",
+        "The same over the draws of the posterior, each deciding for itself at its own belief: how many of them "
+        f"act, in percent (fewer than {ENOUGH} draws are counted). Crossed cells are a toss: fewer than "
+        f"{LEANING:.0%} of at least {ENOUGH} draws agree on any action. Draws, {'; '.join(few)}.",
         words, (context.origin,),
     )  # fmt: skip
     blocks: list[Block] = [Text(f"Point estimate: {said}"), published, Text(_sureness(study)), shares]
@@ -178,19 +208,31 @@ def _maps(context: ReportContext, study: SensitivityStudy, estimate: Sensitivity
 
 
 def _sureness(study: SensitivityStudy) -> str:
-    """How much of each map is knowledge."""
+    """How much of each map is knowledge, as far as so many draws can say."""
     parts = []
     for reading, found in study.maps.items():
-        rows = found.rows()
+        rows, n = found.rows(), found.n_draws
         steps = []
         for k in range(found.n_steps):
-            own = [row["verdict"] for row in rows if row["k"] == k]
-            sure, toss = own.count("sure"), own.count("coin toss") + own.count("undecided")
-            steps.append(f"step {k}: {sure} sure, {toss} a toss")
-        parts.append(f"{READING_WORDS[reading]}, {'; '.join(steps)} of {len(study.grid.cells)}")
+            own = [row for row in rows if row["k"] == k]
+            verdicts = [row["verdict"] for row in own]
+            if n >= ENOUGH_TO_BE_SURE:
+                text = f"{verdicts.count('sure')} sure"
+            else:
+                text = f"all agree in {sum(row['share'] >= 1 - ROUNDING for row in own)}"
+            if n >= ENOUGH:
+                text += f", {verdicts.count('coin toss') + verdicts.count(UNDECIDED)} a toss"
+            steps.append(f"step {k}: {text}")
+        least = (
+            "" if n >= ENOUGH_TO_BE_SURE else f" (all of {n} may still be {0.05 ** (1 / n):.0%} of the posterior)"
+        )
+        parts.append(
+            f"{READING_WORDS[reading]}, {n:,} draws, of {len(found.grid.cells)} cells {'; '.join(steps)}{least}"
+        )
     return (
-        f"How many cells are knowledge (at least {SURE:.0%} of the draws agree) and how many a toss (fewer than "
-        f"{LEANING:.0%}): {'. '.join(p[0].upper() + p[1:] for p in parts)}."
+        f"How many cells are knowledge (sure: at least {SURE:.0%} of at least {ENOUGH_TO_BE_SURE} draws agree) and "
+        f"how many a toss (fewer than {LEANING:.0%} of at least {ENOUGH}): "
+        f"{'. '.join(p[0].upper() + p[1:] for p in parts)}."
     )
 
 
@@ -203,32 +245,26 @@ def _findings(
         return (Text(text, "note"),)
     if len(estimate.findings) != len(study.findings):
         raise located("findings of the point estimate", len(estimate.findings), str(len(study.findings)))
-    rows = []
+    rows: dict[str, dict[str, str]] = {}
     for i, found in enumerate(study.findings):
-        row = {
-            "printed": found.printed, "reading": SHORT[found.reading], "estimate": estimate.findings[i].verdict,
-            "draws": found.verdict, "share": found.share,
-        }  # fmt: skip
+        row = rows.setdefault(found.key, {"printed": FINDINGS[found.key][1]})
+        row[found.reading] = (
+            f"point: {estimate.findings[i].verdict}; draws: {found.holds_in.removesuffix(' draws')}"
+        )
         if in_truth is not None:
-            row["truth"] = in_truth.findings[i].verdict
-        rows.append(row)
-    frame = pd.DataFrame(rows).sort_values("printed", kind="stable", ignore_index=True)
-    headings = {
-        "printed": "printed in the paper", "reading": "reading", "estimate": "point estimate",
-        "draws": "mean of the draws", "share": "share of draws",
-    }  # fmt: skip
+            row[found.reading] += f"; truth: {in_truth.findings[i].verdict}"
     origin: tuple[Origin, ...] = (Origin.PRINTED, context.origin)
     if in_truth is not None:
-        headings["truth"] = "in the truth"
         origin = (*origin, Origin.DEFINITION)
     table = Table(
-        f"sensitivity-findings-{k}", frame,
-        "The paper's three findings, and whether they come out here, by reading. Share of draws: in which "
-        "everything that decides a finding holds. How each is decided stands below.",
-        origin, headings=headings, formats={"share": ".2f"}, printed=("printed",), row_headings=2,
+        f"sensitivity-findings-{k}", pd.DataFrame(list(rows.values())),
+        "The paper's three findings, and whether they come out here, by reading: in the point estimate (point)"
+        f"{'' if in_truth is None else ', in the truth'}, and in how many draws everything that decides a finding "
+        "holds. How each is decided stands below.",
+        origin, headings={"printed": "finding", **SHORT}, printed=("printed",), wraps=True,
     )  # fmt: skip
-    told = tuple(f"{f.printed} ({SHORT[f.reading]}): {f.sentence}" for f in study.findings)
-    lead = "The numbers that decide, means over the draws; (beside) marks those that do not decide"
+    told = tuple(f"{FINDINGS[f.key][0].capitalize()}, {SHORT[f.reading]}: {f.sentence}" for f in study.findings)
+    lead = "The numbers that decide; (beside) marks those that do not"
     return table, Points(told, lead)
 
 
@@ -240,16 +276,20 @@ def _critical(context: ReportContext, study: SensitivityStudy, k: int) -> tuple[
         found: list[Flips] = [flips[step] for r in study.maps if len(flips := study.flips(r, name)) > step]
         if found:
             panels.append(partial(critical_values, found))
-            alt.append(f"Step {step}, {spoken(name)}: {'; '.join(f'{f.reading}, {f.sentence}' for f in found)}.")
+            alt.append(
+                f"Step {step}, {spoken(name)}: {'; '.join(f'{SHORT[f.reading]}, {f.sentence}' for f in found)}."
+            )
     if not panels:
         raise NotSupported("no critical values were looked for")
+    counts = {SHORT[f.reading]: len(f.weight) for f in study.critical}
     spacing = max((f.spacing for f in study.critical if f.parameter == "r"), default=0.0)
     figure = Figure(
         f"sensitivity-critical-{k}", tuple(panels),
         "Where decisions flip as one number moves and everything else stays at the paper's values (r 0.06, costs "
         "15): share of the draws that have flipped by then, found by bisection in every draw. A curve that ends "
-        "low leaves draws that never flip in the range. Two flips that undo each other between neighbouring points "
-        f"of the first scan (r: {spacing:.2g} apart) would be missed.",
+        "low leaves draws that never flip in the range. Draws, "
+        f"{'; '.join(f'{name}: {n:,}' for name, n in counts.items())}. Two flips that undo each other between "
+        f"neighbouring points of the first scan (r: {spacing:.2g} apart) would be missed.",
         tuple(alt), (context.origin,),
     )  # fmt: skip
     said = tuple(
@@ -277,21 +317,31 @@ def _variants(context: ReportContext, study: SensitivityStudy, k: int) -> tuple[
         tables.append(
             Table(
                 f"sensitivity-{kind}-{k}", frame,
-                f"{title}, everything else at the paper's values: the action most draws take, with their share.",
-                origin, headings=headings, groups=(("", 1), *((SHORT[r], per) for r in shown)),
+                f"{title}, everything else at the paper's values: the action most draws take, and how many do.",
+                origin, headings=headings,
+                groups=(("", 1), *((f"{SHORT[r]}{_number(rows, r)}", per) for r in shown)),
             )
         )  # fmt: skip
     return (Part("Discount, scores, belief, prior", f"sensitivity-variants-{k}", tuple(tables), True),)
 
 
-def _wide(rows: tuple[dict[str, object], ...]) -> list[dict[str, object]]:
+def _number(rows: tuple[dict[str, Any], ...], reading: str) -> str:
+    """Number of draws behind the columns of a reading, where it is one."""
+    asked = {row["draws"] for row in rows if row["reading"] == reading}
+    return f", {asked.pop():,} draws" if len(asked) == 1 else ""
+
+
+def _wide(rows: tuple[dict[str, Any], ...]) -> list[dict[str, object]]:
     """One row a variant; every reading and step a column, empty where a reading was not asked."""
     out: dict[str, dict[str, object]] = {}
     columns = list(dict.fromkeys(f"{row['reading']}-{row['k']}" for row in rows))
     for row in rows:
         name = str(row["variant"])
         own = out.setdefault(name, {"variant": name, **dict.fromkeys(columns, "")})
-        share = row["share"]
-        assert isinstance(share, float)
-        own[f"{row['reading']}-{row['k']}"] = f"{spoken(str(row['action']))} {share:.0%}"
+        agree = str(row["agree"])
+        if _number(rows, row["reading"]):
+            # The heading has the number of draws.
+            whole = f" of {row['draws']:,} draws"
+            agree = agree.replace(whole, "" if row["draws"] >= ENOUGH else f"/{row['draws']}")
+        own[f"{row['reading']}-{row['k']}"] = f"{spoken(str(row['action']))} {agree}"
     return list(out.values())

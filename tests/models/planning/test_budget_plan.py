@@ -1,6 +1,7 @@
 """Plans within a hard budget: against all plans there are, and the numbers under the calibrated truth."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -17,9 +18,12 @@ from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import solve_schedule
 from models.planning.expected_cost import cost_frontier
 from models.planning.schedule import Schedule
+from models.planning.schedule_vectors import schedule_vectors
+from models.safeguards.guarded_run import guarded_run
 from tests.models.planning.budget_cases import charged_schedules, named, spent_in
 from tests.models.planning.policy_cases import person
 from tests.planning_cases import sticky_draws
+from tests.reference.all_plans import all_plans
 from tests.reference.budget import history_sums, most_spent, plans_with_costs
 
 CLOSE = {"rel": 1e-10, "abs": 1e-10}
@@ -202,3 +206,59 @@ def test_a_budget_is_counted_in_the_units_of_the_table():
     values = budget_values(schedule, charges)
     for budget in (0.0, 0.5, 0.7666666666666666, 2.605785027996414, 1e9):
         assert values.value_at(budget) == pytest.approx(solve_with_budget(schedule, budget, charges).value)
+
+
+MEASURED = (0.0, 1 / 3, 0.1, 0.37284910283746, 14.738928371234567, 2 / 7, 15.0, 1e-7 / 3)
+
+
+def exact_sums(schedule, charges):
+    """The most that each plan spends, added up as the decimals that charges are written as."""
+    plans, _ = all_plans(schedule)
+    exact = np.array([Fraction(repr(float(c))) for c in charges])
+    out = []
+    for plan in plans:
+        spent = np.array([Fraction(0)])
+        for k, level in enumerate(plan):
+            spent = spent + exact[schedule.first_action(k) + level.astype(int)]
+            if k + 1 < len(plan):
+                spent = np.repeat(spent, schedule.n_outcomes(k))
+        out.append(max(spent.tolist()))
+    return out
+
+
+@given(charged_schedules(max_events=5), st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_charges_of_many_digits_are_counted_exactly(case, seed):
+    schedule, charges = case
+    rng = np.random.default_rng(seed)
+    charges = np.where(charges > 0, rng.choice(MEASURED, charges.shape), 0.0)
+    values, _, _ = plans_with_costs(schedule, charges)
+    spent = np.array([float(s) for s in exact_sums(schedule, charges)])
+    found = budget_values(schedule, charges)
+    between = 0.5 * (found.budgets[1:] + found.budgets[:-1])
+    for budget in [*found.budgets.tolist(), *between.tolist(), *BUDGETS, 1e12]:
+        wanted = values[spent <= budget].max()
+        assert found.value_at(budget) == pytest.approx(wanted, **CLOSE)
+        plan = solve_with_budget(schedule, budget, charges)
+        assert plan.value == pytest.approx(wanted, **CLOSE)
+        assert found.plan(budget).value == pytest.approx(wanted, **CLOSE)
+        assert plan.most_spent <= budget
+    assert set(spent.tolist()) <= set(found.budgets.tolist())
+    assert found.values[-1] == pytest.approx(solve_schedule(schedule).value, **CLOSE)
+    assert np.all(np.isfinite([r["gain_per_unit"] for r in found.rows()[1:]]))
+
+
+def test_without_limit_charges_of_many_digits_pay_for_everything(truth):
+    schedule = Schedule.of(truth, "HRHRHR")
+    charges = charges_of(truth, {"help": 1 / 3, "signal": 0.1})
+    best = solve_schedule(schedule).value
+    found = budget_values(schedule, charges)
+    assert solve_with_budget(schedule, np.inf, charges).value == pytest.approx(best)
+    assert found.value_at(np.inf) == found.values[-1] == pytest.approx(best)
+    assert found.budgets[-1] == pytest.approx(1.3)
+    # What was printed as a budget pays for what it was printed for, also where its sum has more digits.
+    for budget, value in zip(found.budgets.tolist(), found.values.tolist(), strict=True):
+        assert solve_with_budget(schedule, budget, charges).value == pytest.approx(value, **CLOSE)
+        policy = schedule_vectors(schedule, budget, charges)
+        assert evaluate_schedule(policy, schedule).value == pytest.approx(value, **CLOSE)
+        assert guarded_run(policy, schedule, charges).most_cost <= budget * (1 + 1e-12)

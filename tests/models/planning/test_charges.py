@@ -118,10 +118,33 @@ def test_too_many_levels(monkeypatch):
 def test_charges_of_many_digits_never_pay_for_more_than_the_budget():
     charges = [0.0, 14.738928371234567, 15.29837412345678]
     units = in_units(charges, 30.0)
-    assert units.amount(units.budget) == pytest.approx(30.0, abs=1e-6)
-    assert units.amount(units.budget) <= 30.0
-    assert all(units.amount(int(u)) >= c for u, c in zip(units.charge, charges, strict=True))
+    assert units.amount(units.budget) == 30.0
+    assert [units.amount(int(u)) for u in units.charge] == charges
     assert units.charge[1] + units.charge[2] > units.budget  # 30.04
     assert 2 * units.charge[1] <= units.budget  # 29.48
-    thirds = in_units([1 / 3, 15.0], 30.0)
-    assert thirds.amount(int(thirds.charge[0])) == pytest.approx(1 / 3, abs=1e-7)
+    assert units.charge.dtype == object
+
+
+@given(
+    st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=3), st.lists(st.integers(0, 3), min_size=3, max_size=3),
+    st.integers(-2, 2),
+)  # fmt: skip
+def test_a_budget_pays_for_what_is_rounded_to_it(charges, times, steps):
+    """By fractions: the largest sum that is not above the budget as the nearest floating-point number."""
+    units = in_units(charges)
+    total = sum((n * Fraction(repr(c)) for n, c in zip(times, charges, strict=False)), Fraction(0))
+    budget = float(total)
+    for _ in range(abs(steps)):
+        budget = max(0.0, float(np.nextafter(budget, np.inf if steps > 0 else 0.0)))
+    covered = units.within(budget)
+    assert float(covered * units.size) <= budget < float((covered + 1) * units.size)
+    assert (total / units.size <= covered) == (float(total) <= budget)
+
+
+def test_no_limit_is_infinite():
+    units = in_units([0.0, 1 / 3], np.inf)
+    assert units.budget == units.within(np.inf) == np.inf
+    levels = budget_levels([np.array([0, 10**25], dtype=object)] * 3, np.inf)
+    assert levels.left[0].tolist() == [0, 10**25, 2 * 10**25, 3 * 10**25]
+    assert levels.level(0, np.inf) == 3
+    assert levels.level(0, 2 * 10**25 - 1) == 1

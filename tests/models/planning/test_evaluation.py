@@ -1,6 +1,7 @@
 """What policies are worth: over schedules against brute force, in simulated runs against exact values."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from models.planning.mode_process import alternating
 from models.planning.plan_policy import PlanPolicy
 from models.planning.rollouts import beside, simulate_policies, simulate_policy
 from models.planning.schedule import Schedule
+from models.planning.schedule_vectors import schedule_vectors
 from models.protocol import PUBLISHED
 from tests.models.planning.policy_cases import KINDS, SCHEDULE, alpha, person, policy, problem
 from tests.models.planning.schedule_cases import random_model, schedules
@@ -272,3 +274,19 @@ def test_every_history_of_a_schedule_counts_once(seed):
     per_event = [model.reward_table()[2 * (k % 2 == 0) : 2 * (k % 2 == 0) + 2].mean(axis=0) for k in range(6)]
     wanted = sum(0.7**k * found.state_path[k] @ per_event[k] for k in range(6))
     assert found.value == pytest.approx(wanted)
+
+
+def test_beliefs_of_a_plan_as_vectors(truth):
+    """By its own model its belief is the true one; the mean belief before each event is then the true path."""
+    schedule = Schedule.of(truth, "HRHRH")
+    plan = schedule_vectors(schedule)
+    found = evaluate_schedule(plan, schedule)
+    assert found.belief_path.shape == (5, truth.n_states)
+    assert found.belief_path == pytest.approx(found.state_path[:-1])
+    for step in follow_responses(plan, schedule, responses=["help", "no_help", "help"]):
+        assert step.belief == pytest.approx(step.true_belief)
+    drifting = replace(truth, transition=0.5 * truth.transition + 0.5 / truth.n_states)
+    other = evaluate_schedule(schedule_vectors(Schedule.of(drifting, "HRHRH")), schedule)
+    assert other.belief_path.sum(axis=1) == pytest.approx(np.ones(5))
+    assert not np.allclose(other.belief_path, other.state_path[:-1])
+    assert found.value == pytest.approx(evaluate_schedule(PlanPolicy.of(solve_schedule(schedule)), schedule).value)

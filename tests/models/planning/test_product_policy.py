@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -54,6 +55,15 @@ def test_files_hold_the_same_numbers(case):
     memory = policy.begin(1)
     assert np.array_equal(again.action_values(again.begin(1)), policy.action_values(memory), equal_nan=True)
     assert again.n_draws == policy.n_draws == len(policy.weights_of(memory))
+
+
+@pytest.mark.parametrize(("x", "r"), [([-3.0, -2.0, -1.0], 1e308), ([0.0, 1.0, 709.5], 1.0)])
+def test_numbers_too_large_are_refused_without_a_warning(x, r):
+    """Products that overflow, and sums of five rewards that do; warnings are errors in tests."""
+    content = json.loads(json.dumps(policy_to_dict(CASES["plain"]())))
+    content["models"]["reward"].update(x=x, r=r)
+    with suppress(InputError):
+        assert np.isfinite(policy_from_dict(content).alpha).all()
 
 
 def test_draws_are_weighted_by_what_was_seen():

@@ -83,6 +83,47 @@ def test_every_changed_byte_of_one_log_is_found(logs):
             assert not read_chain(bytes(changed)).ok, at
 
 
+@pytest.mark.parametrize("number", [b"1e999", b"-1e999", b"0.3322e7090190"])
+def test_a_number_that_becomes_infinite_is_found(logs, number):
+    """It reads as JSON, and is none that a log writes."""
+    content = max(logs, key=len)
+    at = content.index(b'"worth.')
+    start = content.index(b":", at) + 1
+    stop = min(content.index(b",", start), content.index(b"}", start))
+    changed = content[:start] + number + content[stop:]
+    chain = read_chain(changed)
+    assert [f.line for f in chain.findings] == [content[:at].count(b"\n") + 1]
+    assert "does not fit its hash" in chain.findings[0].message
+    assert not verify(changed).ok
+    lines = changed.splitlines(keepends=True)
+    n = chain.findings[0].line - 1
+    body = lines[n][: -len(b',"hash":""}\n') - 64]
+    own = hashlib.sha256(json.loads(lines[n - 1])["hash"].encode() + body).hexdigest()
+    lines[n] = body + b',"hash":"' + own.encode() + b'"}\n'
+    assert "is no JSON object" in str(read_chain(b"".join(lines[: n + 1])).findings[0])
+
+
+def test_a_number_that_differs_is_named(logs):
+    entries = entries_of(next(content for content in logs if b'"worth.' in content))
+    at = next(i for i, e in enumerate(entries) if e.get("numbers"))
+    name = next(k for k in entries[at]["numbers"] if k.startswith("worth."))
+    entries[at]["numbers"][name] += 1.0
+    (found,) = verify(resealed(entries)).findings
+    assert f"numbers, {name}: found {entries[at]['numbers'][name]!r}" in found.message
+    del entries[at]["numbers"][name]
+    (found,) = verify(resealed(entries)).findings
+    assert f"numbers, {name}: found nothing of that name" in found.message
+
+
+@pytest.mark.parametrize(
+    "time", ["2020-13-41T99:00:00.000Z", "2021-02-29T12:00:00.000Z", "2020-01-01T24:61:00.000Z"]
+)
+def test_times_that_never_were_are_found(logs, time):
+    entries = entries_of(logs[0])
+    entries[2]["time"] = time
+    assert [str(f)[:12] for f in verify(resealed(entries)).findings] == ["line 3: time"]
+
+
 @settings(max_examples=200)
 @given(st.data())
 def test_inserted_and_removed_bytes_are_found(logs, data):

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from models.errors import InputError
 from models.planning.baselines import ModePolicy
+from models.planning.mixture import Mixture
 from models.protocol import PUBLISHED
+from models.runtime import Session
 from models.safeguards.budget import CostBudget
 from models.safeguards.consent import Consent, fallback_of
 from models.safeguards.guarded import Guarded
@@ -40,6 +42,29 @@ def test_nothing_that_was_worked_out_is_left():
     assert own.worth_source._known
     own.withdraw(memory)
     assert not own.worth_source._known
+
+
+def test_plans_made_anew_for_a_history_are_forgotten():
+    """A plan that was left is planned anew, also by policies that others hold beside the session."""
+    own, rng = guarded("plan"), np.random.default_rng(3)
+    memory, _ = walked(own, rounds(), rng, 4, overrule=1.0)
+    own.probabilities(memory)
+    assert own.policy._anew
+    own.withdraw(memory)
+    assert not own.policy._anew
+    assert not own.worth_source._known
+    mixed = Mixture([own.policy, bare("reactive")], [0.5, 0.5])
+    for held, plan in ((own, own.policy), (mixed, own.policy), (own.policy, own.policy)):
+        session = Session(held)
+        for k in range(4):
+            mode = held.vocabulary.modes[rounds().modes[k]]
+            decision = session.act(mode)
+            offered = held.vocabulary.actions[decision.mode]
+            session.observe("help" if rounds().n_outcomes(k) > 1 else None, offered[1 - decision.choice])
+        session.act(held.vocabulary.modes[rounds().modes[4]])
+        assert plan._anew
+        session.withdraw()
+        assert not plan._anew
 
 
 def test_never_given():

@@ -2,6 +2,7 @@
 
 import re
 import time
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -17,6 +18,7 @@ from models.planning.finite_memory import infinite_value
 from models.planning.mode_process import schedule_modes
 from models.planning.policies import Vocabulary
 from models.planning.rollouts import simulate_policies
+from models.planning.schedule_vectors import schedule_vectors
 from models.protocol import PUBLISHED
 from models.safeguards.budget import CostBudget
 from models.safeguards.confidence import Confidence
@@ -24,6 +26,7 @@ from models.safeguards.consent import fallback_of
 from models.safeguards.guarded import Guarded, decide
 from models.safeguards.influence import MinimumInfluence
 from models.safeguards.safeguard import Proposal
+from models.safeguards.worth import Worth
 from tests.models.planning.policy_cases import KINDS, person, problem
 from tests.models.planning.policy_cases import policy as bare
 from tests.models.planning.policy_conformance import conforms
@@ -190,6 +193,61 @@ def test_charges_need_no_common_unit():
     assert (found.choice, found.numbers["left"]) == (1, 30 - 1 / 3)
     spent = own.observe(spent, ROBOT, 1, HELP, HUMAN)
     assert own.review(spent, Proposal(ROBOT, 2, 1, 1)).choice == 0
+
+
+@given(
+    st.floats(1e-3, 20.0), st.floats(1e-3, 20.0), st.integers(0, 3), st.integers(0, 3), st.integers(-1, 1),
+)  # fmt: skip
+def test_a_limit_printed_for_a_sum_pays_for_it(help_charge, signal_charge, helps, signals, step):
+    """The sum as the nearest number is the limit, as plans with a budget count; one number below is too little."""
+    exact = helps * Fraction(repr(help_charge)) + (signals + 1) * Fraction(repr(signal_charge))
+    limit = float(exact) if step == 0 else float(np.nextafter(float(exact), np.inf if step > 0 else 0.0))
+    guard = CostBudget.of(PUBLISHED, limit, {"help": help_charge, "signal": signal_charge})
+    state = guard.begin(HUMAN)
+    for mode, times in ((HUMAN, helps), (ROBOT, signals)):
+        for _ in range(times):
+            state = guard.observe(state, mode, 1, NONE, mode)
+    assert (guard.review(state, Proposal(ROBOT, 9, 1, 1)).choice == 1) == (step >= 0)
+    assert guard.review(state + 1000, Proposal(ROBOT, 9, 0, 0)).choice == 0
+
+
+def test_rounding_is_no_gain():
+    """Two actions worth the same but for the last digit: it does not pay to take one, nor to leave the other."""
+    values = np.array([[-2.391763342, -2.391763342 + 4e-16], [5.0, 5.0]])
+    worth = Worth(values, np.array([0.4, 0.6]), np.full((2, 3), 1 / 3))
+    proposal = Proposal(ROBOT, 0, 1, 1, worth)
+    verdict = Confidence.of(PUBLISHED, 0.0).review(None, proposal)
+    assert (verdict.choice, verdict.numbers["probability"]) == (0, 0.0)
+    more = replace(worth, values=values + np.array([[0.0, 1e-6], [0.0, 0.0]]))
+    assert Confidence.of(PUBLISHED, 0.3).review(None, replace(proposal, worth=more)).choice == 1
+    least = MinimumInfluence.of(rounds("HR", 2).draws, 0.0)
+    found = least.review(None, proposal)
+    assert found.choice == 0, "the action that moves nobody is worth as much"
+    assert "is worth most" in found.reason
+    assert least.review(None, replace(proposal, worth=replace(more, weight=np.array([1.0, 0.0])))).choice == 1
+
+
+def test_a_probability_just_below_its_threshold_reads_so():
+    weight = np.array([0.8996, 0.1004])
+    worth = Worth(np.array([[0.0, 1.0], [0.0, -1.0]]), weight, np.full((2, 3), 1 / 3))
+    verdict = Confidence.of(PUBLISHED, 0.9).review(None, Proposal(ROBOT, 0, 1, 1, worth))
+    assert verdict.reason == (
+        "signal is worth more than no_signal with probability 0.8996 only, not above 0.9"
+    )  # fmt: skip
+
+
+def test_what_cannot_be_paid_for_is_said():
+    own = schedule_vectors(rounds(), 15.0)
+    memory = own.begin(ROBOT)
+    memory = own.observe(memory, 1, HELP, HUMAN)
+    found = decide(own, memory)
+    worth = own.action_values(memory)
+    assert np.isnan(worth[1])
+    assert found.explanation.startswith(f"no_help; no_help is worth {worth[0]:.4g}; help cannot be paid for; the")
+    assert found.explanation.endswith("; 0 of its budget is left.")
+    belt = Guarded(own, [CostBudget.of(PUBLISHED, 15.0)], fallback_of(PUBLISHED))
+    assert belt.decide(belt.observe(belt.begin(ROBOT), 1, HELP, HUMAN)).explanation == found.explanation
+    assert "budget" not in decide(schedule_vectors(rounds()), schedule_vectors(rounds()).begin(ROBOT)).explanation
 
 
 def test_budget_counts_what_was_really_done():

@@ -1,5 +1,6 @@
 """Critical values: against closed forms and root finding, several flips, third decisions, open zones."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -134,7 +135,35 @@ def test_quantiles_over_draws():
     assert found.quantiles((0.1, 0.5, 0.9)) == pytest.approx([0.2, 0.4, 0.6], abs=1e-8)
     assert found.share_without == pytest.approx(0.25)
     assert found.always == {"no_help": pytest.approx(0.25)}
-    assert "25% of the draws have none (no_help 25% throughout)" in found.sentence
+    assert found.sentence.endswith(
+        "3 of 4 draws flip, first at 0.2, 0.4, 0.6; the others never (no_help 1 of 4 throughout)"
+    )
+
+
+def test_few_draws_are_counted_and_never_have_quantiles():
+    one = by_rule(lambda g, d: g > np.where(d == 1, 0.25, 2.0), draws=3)
+    assert "1 of 3 draws flip, at 0.25; the others never" in one.sentence
+    some = by_rule(lambda g, d: g > 0.1 + 0.05 * d, draws=12, scan=np.linspace(0, 1, 101))
+    assert "12 of 12 draws flip, first from 0.1 to 0.65, in the median of these at 0.35" in some.sentence
+    many = by_rule(lambda g, d: g > np.where(d < 25, 0.1 + 0.01 * d, 2.0), draws=40, scan=np.linspace(0, 1, 101))
+    assert "62% of 40 draws flip, among these first at 0.22 in the median" in many.sentence
+    assert "the others never (no_help 38% throughout)" in many.sentence
+    for few in (one, some):
+        assert "90%" not in few.sentence
+    assert by_rule(lambda g, d: 0 * g, draws=3).sentence.endswith("none of 3 draws changes its mind")
+
+
+def test_few_weighted_draws_come_with_their_weights():
+    found = by_rule(lambda g, d: g > 0.25 + 0.25 * d, draws=2)
+    weighted = replace(found, weight=np.array([0.75, 0.25]))
+    assert "100% of the weight of 2 draws flip, first at 0.25 (weight 0.75), 0.5 (weight 0.25)" in weighted.sentence
+
+
+def test_both_ends_of_a_bracket_are_told_apart():
+    found = by_rule(lambda g, _: g > 0.123456789, tolerance=1e-9)
+    low, high = re.search(r"no_help up to (\S+), help from (\S+) on", found.sentence).groups()
+    assert low != high
+    assert float(low) <= 0.123456789 <= float(high)
 
 
 def test_cases_are_those_of_the_reward():

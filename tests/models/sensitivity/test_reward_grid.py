@@ -11,14 +11,17 @@ from models.sensitivity.cases import OPEN
 from models.sensitivity.endless_steps import EndlessSteps
 from models.sensitivity.few_steps import FewSteps
 from models.sensitivity.reward_grid import (
+    ENOUGH_TO_BE_SURE,
     PRINTED_COSTS,
     PRINTED_R,
+    SURE,
     RewardGrid,
     chosen,
     cost_axes,
     decide_grid,
     decisions_when_certain,
     reward_of,
+    verdict,
 )
 from models.unseen import without_actions
 from tests.analysis.report_cases import CORRIDOR
@@ -116,3 +119,34 @@ def test_discounts_are_checked():
     draws = people(1, 1, 2)
     with pytest.raises(InputError, match="discount"):
         decide_grid(FewSteps(draws, True), RewardGrid.of(draws), 1.5)
+
+
+def test_few_draws_are_never_sure_and_never_a_toss():
+    for n in (2, 10, 19):
+        assert {verdict("help", share, n) for share in (0.4, 0.8, 1.0)} == {"too few draws"}
+    assert verdict("help", 0.5, 20) == "coin toss"
+    # The least number of draws that, all agreeing, leave no share below SURE with 95% confidence.
+    assert SURE**ENOUGH_TO_BE_SURE < 0.05 < SURE ** (ENOUGH_TO_BE_SURE - 1)
+    assert verdict("help", 1.0, ENOUGH_TO_BE_SURE - 1) == "leaning"
+    assert verdict("help", 1.0, ENOUGH_TO_BE_SURE) == "sure"
+    assert verdict("undecided", 1.0, 5) == "undecided"
+    # One model knows no doubt: a share below one is the chance of the responses that it acts upon.
+    assert verdict("help", 0.55, 1) == "depends on responses"
+
+
+def test_rows_name_their_draws():
+    draws = people(3, 3, 4)
+    grid = RewardGrid.of(draws)
+    rows = decide_grid(FewSteps(draws, True), grid, 1.0).rows()
+    assert {row["verdict"] for row in rows} == {"too few draws"}
+    assert {row["agree"] for row in rows} <= {"2 of 3 draws", "3 of 3 draws"}
+    weighted = decide_grid(FewSteps(replace(draws, weight=np.array([0.5, 0.3, 0.2])), True), grid, 1.0).rows()
+    assert all("of the weight of 3 draws" in row["agree"] for row in weighted)
+    assert {row["verdict"] for row in decide_grid(FewSteps(draws.thin(1), True), grid, 1.0).rows()} == {"one model"}
+
+
+def test_shares_never_pass_one():
+    draws = people(3, 7, 2)
+    weight = np.full(7, 1 / 7) * (1 + 1e-13)
+    found = decide_grid(FewSteps(replace(draws, weight=weight), True), RewardGrid.of(draws), 1.0)
+    assert all(found.shares(k).max() <= 1 for k in range(2))

@@ -38,10 +38,10 @@ def test_weights_are_kept():
 
 
 @pytest.mark.parametrize(
-    ("weight", "found"), [([0.5, 0.4], "0.9"), ([1.5, -0.5], "1"), ([np.nan, 1.0], "nan"), ([np.inf, 0.0], "inf")]
+    ("weight", "found"), [([0.5, 0.4], "0.9"), ([1.5, -0.5], "1.0"), ([np.nan, 1.0], "nan"), ([np.inf, 0.0], "inf")]
 )
 def test_unusable_weights_are_refused(weight, found):
-    message = f"model draws, sum of weights: found '{found}', wanted non-negative, sum 1"
+    message = f"model draws, sum of weights: found {found}, wanted non-negative weights that sum to 1"
     with pytest.raises(InputError, match=re.escape(message)):
         ModelDraws.from_models(many(2), np.array(weight))
 

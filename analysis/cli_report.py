@@ -51,6 +51,11 @@ def report_command(
     schedule: Annotated[
         str | None, typer.Option("--schedule", help="With --compare: rounds that plans are made for.")
     ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option("--kind", metavar="real|simulated", help="Of a file: whether its people exist, on your word."),
+    ] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Of a file: what the report calls it.")] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also write a PDF (needs the extra `pdf`).")] = False,
     parts: Annotated[
         bool,
@@ -78,7 +83,7 @@ def report_command(
     """
     if compare is not None:
         unfit = {"--data": data if data != DEFAULT_DATA else None, "--run-length": run_length, "--plan": plan,
-                 "--pdf": "given" if pdf else None}  # fmt: skip
+                 "--kind": kind, "--title": title, "--pdf": "given" if pdf else None}  # fmt: skip
         for option, value in unfit.items():
             if value is not None:
                 raise located(option, value, "no value: it does not go with --compare")
@@ -98,6 +103,11 @@ def report_command(
     report = Report(json, quiet)
     if run_length not in (None, "random", "fixed"):
         raise located("--run-length", run_length, "random or fixed")
+    if kind not in (None, "real", "simulated"):
+        raise located("--kind", kind, "real or simulated")
+    for option, value in (("--kind", kind), ("--title", title)):
+        if value is not None and data in datasets.names():
+            raise located(option, value, f"no value: {data} has a card of its own")
     check_output_folder("--out", out)
     if parts:
         check_parts_folder(Path(out) / PARTS_NAME)
@@ -112,13 +122,19 @@ def report_command(
     if pdf:
         check_available()
     given = {"--data": [data], "--condition": condition, "--states": states and [states], "--pin": pin,
-             "--run-length": run_length and [run_length],
+             "--run-length": run_length and [run_length], "--kind": kind and [kind], "--title": title and [title],
              "--protocol": protocol and [protocol], "--plan": plan and [plan], "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", *(["--quick"] if quick else [])]
     command += [word for option, values in given.items() for value in values or [] for word in (option, value)]
     loaded = datasets.load(data, load_protocol(protocol))
-    if run_length is not None:
-        loaded = replace(loaded, card=replace(loaded.card, run_length=run_length))
+    card = loaded.card
+    card = replace(
+        card, run_length=run_length or card.run_length, kind=kind or card.kind, title=title or card.title
+    )  # fmt: skip
+    loaded = replace(loaded, card=card)
+    if kind is not None:
+        word = f"That these people are {kind} is the word of whoever made this report (--kind)."
+        loaded = replace(loaded, notes=(*loaded.notes, word))
     with progress.shown(quiet) as watch:
         try:
             result = build_report(

@@ -72,7 +72,7 @@ def build_report(
     condition: Sequence[str] | None = None,
     pins: Sequence[str] | None = None,
     pdf: bool = False,
-    parts: bool = True,
+    parts: bool = False,
     plan: AnalysisPlan | None = None,
     command: str = "",
     date: str | None = None,

@@ -75,7 +75,7 @@ class CompareResult:
 def compare_report(
     a: str, b: str, *, states: str | None = None, condition: Sequence[str] | None = None,
     pins: Sequence[str] | None = None, schedule: str | None = None, seed: int = 1, quick: bool = False,
-    out: str | Path = "reports/build", parts: bool = True, protocol: Protocol | None = None, command: str = "",
+    out: str | Path = "reports/build", parts: bool = False, protocol: Protocol | None = None, command: str = "",
     date: str | None = None, progress: Progress | None = None,
 ) -> CompareResult:  # fmt: skip
     """Compare two data sets, two stored posteriors, or one of each, and write the page.

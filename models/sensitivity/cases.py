@@ -18,12 +18,10 @@ from models.errors import located
 from models.model_draws import ModelDraws
 from models.protocol import Protocol
 from models.reward import Reward
+from models.sensitivity.endless_kernel import OPEN
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-OPEN = -1
-"""In place of an action: the bounds do not say which is best."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ from models.planning.grid_run import GridRun, first_vectors
 from models.planning.grid_solver import GO_ON, advance
 from models.planning.step_kernel import expected_reward, successors
 from models.planning.vectors import best_vector
-from models.sensitivity.cases import OPEN
+
+OPEN = -1
+"""In place of an action: the bounds do not say which is best."""
 
 
 @kernel

@@ -22,8 +22,8 @@ from models.planning.latent import LatentBatch
 from models.planning.loading import load_kernels
 from models.planning.mode_process import alternating
 from models.planning.solver import GRID_STATES, solve
-from models.sensitivity.cases import OPEN, Answers, Cases, Nodes, joined, steps_in_order
-from models.sensitivity.endless_kernel import certain_choice, decide
+from models.sensitivity.cases import Answers, Cases, Nodes, joined, steps_in_order
+from models.sensitivity.endless_kernel import OPEN, certain_choice, decide
 from models.spread_out import chunks, spread_out
 
 INFINITE = "infinite"

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from models.errors import located
 from models.robust.risk import weighted_quantiles
-from models.sensitivity.cases import OPEN, Array, Cases, Decider, Index, Nodes
+from models.sensitivity.cases import Array, Cases, Decider, Index, Nodes
+from models.sensitivity.endless_kernel import OPEN
 from models.sensitivity.reward_grid import ENOUGH, evenly, of_draws
 
 HALVINGS = 60

@@ -101,7 +101,7 @@ def test_the_forest_of_one_number_has_a_range():
 
 # -- the section -----------------------------------------------------------------------------------------
 def test_the_section_has_its_parts(quick):
-    made = quick.sections[-1]
+    made = quick.sections[-2]
     assert made.omitted is None
     assert [t.key for t in made.tables] == [
         "regression-odds", "regression-models", "regression-tests", "regression-sources", "regression-readings",
@@ -120,7 +120,7 @@ def test_the_section_has_its_parts(quick):
 
 
 def test_printed_and_simulated_never_share_a_badge(quick):
-    made = quick.sections[-1]
+    made = quick.sections[-2]
     printed = {b.key for b in (*made.tables, *made.figures) if Origin.PRINTED in b.origin}
     assert printed == {"regression-sources", "regression-forest"}
     page = quick.html.read_text(encoding="utf-8")
@@ -130,7 +130,7 @@ def test_printed_and_simulated_never_share_a_badge(quick):
 
 def test_other_studies_have_no_printed_numbers(tmp_path):
     data = data_set(mixed_study(people=80), kind="real")
-    made = build_report(data, states=(1,), quick=True, out=tmp_path, sections=ENTRIES).sections[-1]
+    made = build_report(data, states=(1,), quick=True, out=tmp_path, sections=ENTRIES).sections[-2]
     assert all(Origin.PRINTED not in b.origin for b in (*made.tables, *made.figures))
     assert "printed" not in next(t for t in made.tables if t.key == "regression-sources").frame
     assert "10.42" not in " ".join(made.sentences)
@@ -190,7 +190,7 @@ def test_printed_numbers_are_drawn_as_such():
 
 
 def test_cautions_are_points_and_alternative_texts_are_numbers(quick):
-    made = quick.sections[-1]
+    made = quick.sections[-2]
     assert any(isinstance(b, Points) and b.lead == "What not to conclude" for b in made.flat())
     for figure in made.figures:
         assert isinstance(figure, Figure)
@@ -198,7 +198,7 @@ def test_cautions_are_points_and_alternative_texts_are_numbers(quick):
 
 
 def test_next_round_and_same_round_are_two_panels(quick):
-    figure = quick.sections[-1].figures[-1]
+    figure = quick.sections[-2].figures[-1]
     assert len(figure.panels) == 2
     assert SAME in figure.alt[0]
     assert NEXT in figure.alt[1]

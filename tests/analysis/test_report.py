@@ -242,6 +242,8 @@ def test_general_protocol(general):
         "reward",
         "plan",
         "robust",
+        "sensitivity",
+        "safeguards",
         "study2",
         "evidence",
         "regression",

@@ -1,6 +1,7 @@
 import csv
 import re
 import xml.etree.ElementTree as ET
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -8,8 +9,8 @@ import pytest
 
 from analysis import fits
 from analysis.figures.style import axes
+from analysis.report import build
 from analysis.report.analysis_plan import EXPLORATORY, PLANNED, read_analysis_plan
-from analysis.report.build import build_report
 from analysis.report.output_map import output_map, plot_functions
 from analysis.report.parts import escaped, latex
 from analysis.report.registry import SECTIONS, Entry
@@ -21,6 +22,7 @@ from tests.analysis.report_cases import data_set, little_effort, random_log
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATE = "2026-01-31"
+build_report = partial(build.build_report, parts=True)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -144,9 +146,8 @@ def test_a_failure_leaves_the_last_parts_alone(small, tmp_path):
 
 
 def test_without_parts_nothing_else_is_written(small, tmp_path):
-    result = build_report(
-        small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=some("provenance"), parts=False
-    )
+    chosen = some("provenance")
+    result = build.build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen)
     assert result.parts is None
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
@@ -292,3 +293,23 @@ def test_the_command_says_where_parts_are(tmp_path, capsys):
     (out / "parts" / "index.csv").unlink()
     assert run(*words) == 2
     assert "folder of other files" in capsys.readouterr().err
+
+
+def test_a_file_is_of_the_kind_and_title_that_the_user_says(tmp_path, capsys):
+    from tests.analysis.event_text import text
+
+    log = tmp_path / "events.csv"
+    log.write_text(text())
+    words = ("report", "--data", log, "--states", "1", "--quick", "--no-parts", "--out", tmp_path / "out")
+    content = result_of(capsys, *words, "--kind", "real", "--title", "My pilot")
+    assert content["kind"] == "real"
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "<h1>My pilot</h1>" in page
+    assert "badge-real" in page
+    assert "is the word of whoever made this report" in page
+    assert run(*words, "--kind", "imagined") == 2
+    assert "real or simulated" in capsys.readouterr().err
+    assert run("report", "--kind", "real", "--quick", "--out", tmp_path / "out") == 2
+    assert "has a card of its own" in capsys.readouterr().err
+    assert run("report", "--compare", log, "frd2012", "--kind", "real", "--out", tmp_path / "out") == 2
+    assert "--kind" in capsys.readouterr().err

@@ -117,7 +117,7 @@ def built(own_store, tmp_path_factory):
 
 
 def test_section_shows_everything(built):
-    (section,) = built.sections
+    section, _ = built.sections
     text = " ".join(section.sentences)
     assert section.omitted is None
     assert [f.key for f in section.figures] == [
@@ -147,7 +147,7 @@ def test_fits_are_found_again(built, own_store, tmp_path):
 
 
 def test_other_protocols_real_people_and_one_state(own_store, tmp_path):
-    (section,) = build(random_log(CORRIDOR, people=40, rounds=5), tmp_path, "real", (1,)).sections
+    section, _ = build(random_log(CORRIDOR, people=40, rounds=5), tmp_path, "real", (1,)).sections
     text = " ".join(section.sentences)
     assert "At one state no transition table is learned." in text
     assert "points of score" in text

@@ -10,9 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from typer.main import get_command
-
-from analysis.cli import build
+from analysis.cli import command_line
 
 OUT = Path(__file__).parent / "pages" / "commands.md"
 
@@ -86,7 +84,7 @@ def table(command: Any, context: Any, without: tuple[str, ...]) -> Iterator[str]
 
 def page() -> str:
     """The whole page."""
-    top = get_command(build())
+    top = command_line()
     context: Any = top.make_context("prosocial", [], resilient_parsing=True)
     found = list(commands(top, context, "prosocial"))
     parts = [HEAD]

@@ -8,16 +8,15 @@ import arviz as az
 import numpy as np
 import pytensor
 import pytest
-from typer.testing import CliRunner
 
 from analysis.bench import bayes, bayes_contender
 from analysis.bench.bayes_contender import IMPORTS, Outcome, Settings, examine, importable
 from analysis.bench.bayes_peers import PYMC_PEERS, distinct, rectangles, unrolled
 from analysis.bench.timing import Row
-from analysis.cli import build
 from analysis.simulate import simulate_study1
 from models.bayesian_hmm import build_model
 from models.parameters import STICKY, DirichletPrior
+from tests.analysis.command import run_captured
 from tests.reference import enumeration
 
 PRIORS = {"sticky": STICKY, "another": DirichletPrior(initial=1.5, transition=1.2, emission=2.0, stay=1.0)}
@@ -223,19 +222,19 @@ def test_gradients_cost_no_more_in_a_large_study():
 
 
 # -- command line ----------------------------------------------------------------------------------
-def test_command_lists_the_suites():
-    shown = re.sub(r"\x1b\[[0-9;]*m", "", CliRunner().invoke(build(), ["bench", "--help"]).output)
+def test_command_lists_the_suites(capsys):
+    shown = re.sub(r"\x1b\[[0-9;]*m", "", run_captured(capsys, "bench", "--help")[1])
     assert "em, bayes, glmm, planning, robust, game, runtime, or all" in shown
 
 
-def test_command_runs_the_suite_and_reports_its_rows(monkeypatch, tmp_path):
+def test_command_runs_the_suite_and_reports_its_rows(monkeypatch, tmp_path, capsys):
     def suite(*, quick, progress):
         assert quick
         yield Row("a measurement", 2.0, None, None, "s", note="a note")
 
     monkeypatch.setattr(bayes, "run", suite)
     out = tmp_path / "bench.json"
-    done = CliRunner().invoke(build(), ["bench", "bayes", "--quick", "--json", str(out)])
-    assert done.exit_code == 0, done.output
+    status, _, err = run_captured(capsys, "bench", "bayes", "--quick", "--json", out)
+    assert status == 0, err
     (row,) = json.loads(out.read_text())["rows"]
     assert (row["suite"], row["name"], row["ours"]) == ("bayes", "a measurement", 2.0)

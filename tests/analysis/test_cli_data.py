@@ -13,7 +13,7 @@ from analysis.cli import main
 from analysis.event_files import read_events
 from tests.analysis.command import run_captured as run
 from tests.analysis.event_text import ROWS, text
-from tests.analysis.test_osf_import import EXAMPLE, RAW
+from tests.analysis.test_event_import import EXAMPLE, RAW
 
 BUNDLED = Path(__file__).parents[2] / "data" / "simulated" / "simulated_study1.csv.gz"
 
@@ -261,7 +261,7 @@ def test_interrupting_leaves_no_half_written_file(tmp_path):
 
 def test_help_waits_for_nothing_heavy():
     code = (
-        "import sys, analysis.cli\nanalysis.cli.build()\n"
+        "import sys, analysis.cli\nanalysis.cli.command_line()\n"
         "print([m for m in ('numpy', 'pandas', 'numba', 'pyarrow', 'scipy') if m in sys.modules])"
     )
     root = cli.__file__.rsplit("/", 2)[0]

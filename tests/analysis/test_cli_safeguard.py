@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import pytest
 
-from analysis import cli, cli_safeguard
+from analysis import cli_safeguard
 from analysis.safeguard_study import Wanted, safeguard_study
 from models.errors import InputError
 from models.model_draws import ModelDraws
@@ -15,20 +15,6 @@ from models.planning.schedule import Schedule
 from models.safeguards.guarded import Guarded
 from tests.analysis import command
 from tests.analysis.draws_cases import fit_file, json_file, people
-
-
-@pytest.fixture(autouse=True)
-def _command(monkeypatch):
-    """The command is there, whether or not it is registered already."""
-    build = cli.build
-
-    def with_command():
-        app = build()
-        if "safeguard" not in {c.name for c in app.registered_commands}:
-            app.command("safeguard")(cli_safeguard.safeguard_command)
-        return app
-
-    monkeypatch.setattr(cli, "build", with_command)
 
 
 @pytest.fixture

@@ -4,25 +4,20 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from analysis.bench import planning as bench
-from analysis.cli import build
-from models.errors import InputError
 from models.planning.formats import write_problem
 from models.planning.policy_files import read_policy
 from models.planning.problems import PROBLEMS, problem
-
-RUN = CliRunner()
-
-
-def solved(*words):
-    result = RUN.invoke(build(), ["solve", *words, "--json", "-"])
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
+from tests.analysis.command import result_of, run_captured
 
 
-def test_tiger_is_worth_what_was_published(tmp_path):
+@pytest.fixture
+def solved(capsys):
+    return lambda *words: result_of(capsys, "solve", *words)
+
+
+def test_tiger_is_worth_what_was_published(tmp_path, solved):
     policy = tmp_path / "policy.json"
     found = solved("tiger", "--precision", "1e-5", "--policy", str(policy))
     assert found["status"] == "converged"
@@ -41,7 +36,7 @@ def test_tiger_is_worth_what_was_published(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".pomdp", ".pomdpx", ".pomdp.gz"])
-def test_a_file_is_solved_like_the_problem_it_holds(tmp_path, suffix):
+def test_a_file_is_solved_like_the_problem_it_holds(tmp_path, suffix, solved):
     path = tmp_path / f"baby{suffix}"
     write_problem(problem("crying_baby"), path)
     found, known = solved(str(path)), solved("crying_baby")
@@ -49,13 +44,13 @@ def test_a_file_is_solved_like_the_problem_it_holds(tmp_path, suffix):
     assert known["lower"] <= found["upper"] + 1e-9
 
 
-def test_a_time_limit_gives_the_best_so_far():
-    result = RUN.invoke(build(), ["solve", "tag", "--time-limit", "0.05", "--json", "-"])
-    assert result.exit_code == 0
-    found = json.loads(result.stdout)
+def test_a_time_limit_gives_the_best_so_far(capsys):
+    status, out, err = run_captured(capsys, "solve", "tag", "--time-limit", "0.05", "--json", "-")
+    assert status == 0
+    found = json.loads(out)
     assert found["status"] == "time limit"
     assert found["lower"] < found["upper"]
-    assert "time limit" in result.stderr
+    assert "time limit" in err
 
 
 @pytest.mark.parametrize(
@@ -69,10 +64,10 @@ def test_a_time_limit_gives_the_best_so_far():
         (["tiger", "--time-limit", "0"], "time limit"),
     ],
 )
-def test_what_cannot_be_solved_is_named(words, message):
-    result = RUN.invoke(build(), ["solve", *words])
-    assert isinstance(result.exception, InputError)
-    assert message in str(result.exception)
+def test_what_cannot_be_solved_is_named(words, message, capsys):
+    status, _, err = run_captured(capsys, "solve", *words)
+    assert status == 2
+    assert message in err
 
 
 # -- the benchmark ---------------------------------------------------------------------------------
@@ -109,6 +104,6 @@ def test_many_models_are_judged_by_the_targets():
     assert [row.unit for row in rows[1:]] == ["ms CPU", "ms CPU", "s wall"]
 
 
-def test_help_names_every_standard_problem():
-    words = RUN.invoke(build(), ["solve", "--help"]).output.replace(".", " ").replace(",", " ").split()
+def test_help_names_every_standard_problem(capsys):
+    words = run_captured(capsys, "solve", "--help")[1].replace(".", " ").replace(",", " ").split()
     assert set(PROBLEMS) <= set(words)

@@ -2,9 +2,7 @@
 
 import shlex
 
-import typer
-
-from analysis.cli import build
+from analysis.cli import command_line
 from analysis.next_steps import STEPS, next_steps
 from tests.analysis.command import run_captured
 
@@ -17,7 +15,7 @@ def test_without_arguments_the_next_steps_are_shown(capsys):
 
 
 def test_every_command_named_exists_with_its_options():
-    root = typer.main.get_command(build())
+    root = command_line()
     for _, commands in STEPS:
         for command, what in commands:
             assert what

@@ -43,12 +43,28 @@ def intervals(results: LogisticMixedResults, alpha: float, method: str, which: A
         unknown = [name for name in which if not isinstance(name, str) or name not in names]
         if unknown:
             raise located("which", unknown[0], f"one of {', '.join(names)}")
-    patterns = kept(results.model, "patterns", "conf_int(method='profile')")
+    kept(results.model, "patterns", "conf_int(method='profile')")
     positions = [i for i, name in enumerate(names) if which is None or name in which]
+    # Profiles take seconds where estimates run off, and a table, its odds ratios and its summary all want them.
+    known: dict[tuple[float, int], Array] = results.__dict__.setdefault("_profiled", {})
+    missing = [i for i in positions if (alpha, i) not in known]
+    if missing:
+        known.update(
+            {(alpha, i): ends for i, ends in zip(missing, _profiled(results, alpha, missing), strict=True)}
+        )
     ends = np.full((len(names), 2), np.nan)
+    for i in positions:
+        ends[i] = known[alpha, i]
+    return ends
+
+
+def _profiled(results: LogisticMixedResults, alpha: float, positions: list[int]) -> Array:
+    """Profile intervals of the parameters at these positions, `[len(positions), 2]`."""
+    patterns = kept(results.model, "patterns", "conf_int(method='profile')")
     rule, escape = results.model.rule, results.escape
-    ends[positions] = escape.profile(results.maximum, rule, patterns, positions, alpha)
+    ends = np.array(escape.profile(results.maximum, rule, patterns, positions, alpha), dtype=float)
     endless = [i for i in positions if escape.unbounded[i]]
     if endless and results.comparable:
-        ends[endless] = one_sided_intervals(patterns, rule, results.maximum, escape, endless, alpha)
+        rows = [positions.index(i) for i in endless]
+        ends[rows] = one_sided_intervals(patterns, rule, results.maximum, escape, endless, alpha)
     return ends

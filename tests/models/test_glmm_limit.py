@@ -159,7 +159,7 @@ def test_one_contradiction_within_one_group_is_enough():
 # -- what follows for a fit ----------------------------------------------------------------------------
 RUNAWAYS = {
     "constant": (constant_groups(), "help ~ 1 + (1|person)", r"every group is constant: sd\(person\) runs to inf"),
-    "constant, covariates": (constant_groups(), "help ~ signal + age + (1|person)", "every group is constant"),
+    "constant, covariates": (constant_groups(24), "help ~ signal + age + (1|person)", "every group is constant"),
     "thresholds": (thresholds(), "y ~ x + (1|g)", "separated by x, so that the coefficients and"),
     "thresholds, more": (thresholds(), "y ~ x + z + (1|g)", "separated by x and z|separated by x, so"),
     "pairs": (

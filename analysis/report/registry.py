@@ -14,6 +14,7 @@ from analysis.report.sections import (
     held_out,
     learned,
     limits,
+    paper,
     people,
     plan,
     power,
@@ -69,6 +70,7 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("sensitivity", "What decisions depend on", sensitivity.make),
     Entry("safeguards", "What safeguards change, and who is influenced", safeguards.make),
     Entry("study2", "Study 2, run again in the game", study2_section.make),
+    Entry("paper", "The paper's numbers beside ours", paper.make),
     Entry("evidence", "Can the method be trusted?", evidence.make),
     Entry("limits", "What this does not show", limits.make),
 )

@@ -301,7 +301,7 @@ class ProductPolicy(Policy):
         """What it does and why, in one sentence."""
         left = self.left_of(memory)
         text = self.why(memory).sentence
-        return text if np.isinf(left) else f"{text[:-1]}; {left:g} of the budget is left."
+        return text if np.isinf(left) else f"{text[:-1]}; {left:g} of the budget can still be spent."
 
     # -- many runs at once -------------------------------------------------------------------------
     def begin_many(self, modes: Index) -> ProductMemories:

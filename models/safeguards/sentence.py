@@ -174,7 +174,7 @@ def decide(policy: Policy, memory: Any, rng: np.random.Generator | None = None) 
 def what_is_left(policy: Policy, memory: Any) -> str:
     """What is left of the budget that a plan was made with; empty without one."""
     left = policy.left_of(memory) if isinstance(policy, ProductPolicy) else float("inf")
-    return f"{left:g} of its budget is left" if left < float("inf") else ""
+    return f"it can still spend {left:g} of its budget" if left < float("inf") else ""
 
 
 def plain_worth(policy: Policy, memory: Any) -> tuple[Worth | None, tuple[str, ...]]:

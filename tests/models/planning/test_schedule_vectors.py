@@ -178,7 +178,7 @@ def test_overspending_leaves_nothing(truth):
     memory = memory_after(policy, schedule, [(1, 0), (1, None), (1, 1)])
     assert policy.act(memory) == 0
     assert "no_help" in policy.reason(memory)
-    assert "0 of the budget is left" in policy.reason(memory)
+    assert "0 of the budget can still be spent" in policy.reason(memory)
 
 
 # -- what it refuses -----------------------------------------------------------------------------------

@@ -244,7 +244,7 @@ def test_what_cannot_be_paid_for_is_said():
     worth = own.action_values(memory)
     assert np.isnan(worth[1])
     assert found.explanation.startswith(f"no_help; no_help is worth {worth[0]:.4g}; help cannot be paid for; the")
-    assert found.explanation.endswith("; 0 of its budget is left.")
+    assert found.explanation.endswith("; it can still spend 0 of its budget.")
     belt = Guarded(own, [CostBudget.of(PUBLISHED, 15.0)], fallback_of(PUBLISHED))
     assert belt.decide(belt.observe(belt.begin(ROBOT), 1, HELP, HUMAN)).explanation == found.explanation
     assert "budget" not in decide(schedule_vectors(rounds()), schedule_vectors(rounds()).begin(ROBOT)).explanation

@@ -16,11 +16,18 @@
 # willing to help later? Zahedi et al. (2026) answer with a latent-state POMDP: the person's *prosociality* is a hidden
 # state that moves with what the robot does, and shows only in whether the person helps.
 #
-# This notebook builds that model from its parts and does each step once by hand.
+# This notebook builds that model from its parts and does each step once by hand. The nine after it learn its tables,
+# ask how sure they are, plan with them, and take all of it to a file of your own.
 #
 # **The data.** None about people. All tables come from `data/simulated/calibrated_truth.json`: a *made-up truth*, tuned
 # so that studies drawn from it resemble the published statistics. It is not the authors' estimate, and nothing below is
 # evidence about anybody.
+#
+# **The model.** A person has a hidden state $s \in \{s_0, \ldots, s_3\}$. In round $k$ the robot does $a_k$, the person
+# responds with $o_k$, and the state moves:
+#
+# $$s_0 \sim b_0, \qquad o_k \sim O(\cdot \mid s_k, a_k), \qquad s_{k+1} \sim T(\cdot \mid s_k, a_k), \qquad
+# R(s, a) = e^{r x_s} - e^{r x_0} - C_a.$$
 
 # %% tags=["parameters"]
 FAST = False
@@ -116,7 +123,8 @@ show(
 
 # %% [markdown]
 # **How to read it.** The states differ mostly between `s0` and `s2`. From `s2` on nearly everybody helps, so responses
-# hardly tell `s2` from `s3`: remember this when the third notebook tries to learn four states.
+# hardly tell `s2` from `s3`: remember this when [notebook 03](03_baum_welch_and_its_traps.ipynb) tries to learn four
+# states. **What not to conclude:** that there are four kinds of people. Four is how fine this made-up picture is.
 #
 # Next, how each action moves the state. Circles are states, arrows are moves in one round; thick is likely, solid goes
 # up, dashed goes down.
@@ -189,7 +197,10 @@ show(
 # %% [markdown]
 # **How to read it.** One bar a belief; darker is more prosocial. The refusal in the first round moves the belief far
 # down; being helped (second and fourth round) moves it up although nothing was observed, because the tables say so.
-# **What not to conclude:** the rise in silent rounds is prediction, not evidence.
+# **What not to conclude:** that the rise in silent rounds is evidence. It is prediction.
+#
+# [Notebook 06](06_plans_and_baselines.ipynb) has this step to play with: press what the robot does and how the person
+# responds, and watch the belief move.
 
 # %% [markdown]
 # ## What a round is worth
@@ -212,7 +223,8 @@ show(
 # %% [markdown]
 # **How to read it.** Nearly all of the reward sits in the top state, the more so the larger $r$. A robot that helps at
 # a cost of 15 is betting on moving people *there*. **What not to conclude:** that the gain is that large. $r$ is a
-# choice, and rewards of models with another number of states are in another currency.
+# choice ([notebook 09](09_sensitivity_and_safeguards.ipynb) varies it), and rewards of models with another number of
+# states are in another currency.
 
 # %% [markdown]
 # ## Drawing people
@@ -249,6 +261,8 @@ for k, mode in enumerate(PUBLISHED.modes_from_letters("HHRRH")):
         exact[k] = truth.response_probability(belief, action)[help_column]
         counted[k] = float((chosen.response[chosen.k == k] == help_column).mean())
     belief = truth.update(belief, action)
+
+# %%
 show(
     curves(
         {"exact": (list(exact), list(exact.values())), "counted": (list(counted), list(counted.values()))},
@@ -260,9 +274,9 @@ show(
 )
 
 # %% [markdown]
-# **How to read it.** The two lines should lie on each other, and do, within sampling error (0.002 for 27,000 people;
-# mind the scale). Between the first two responses the robot only signalled, and little changes; between the second and
-# the third it also helped twice. **What not to conclude:** that helping works. The truth was made that way.
+# **How to read it.** The two lines should lie on each other, and do, within sampling error (some 0.002 for as many
+# people; mind the scale). Between the first two responses the robot only signalled, and little changes; between the
+# second and the third it also helped twice. **What not to conclude:** that helping works. The truth was made that way.
 
 # %% [markdown]
 # ## Another protocol, from a few lines of text
@@ -273,21 +287,10 @@ show(
 # %%
 CORRIDOR = """
 name = "corridor"
-[modes.robot_is_stuck]
-letter = "S"
-actions = { wait = 0.0, ask = 5.0, offer_trade = 8.0 }
-null_action = "wait"
-shows_response = true
-[modes.human_is_stuck]
-letter = "P"
-actions = { pass_by = 0.0, assist = 15.0 }
-null_action = "pass_by"
-shows_response = false
-[modes.narrow_door]
-letter = "D"
-actions = { go_first = 0.0, give_way = 2.0 }
-null_action = "go_first"
-shows_response = true
+[modes]
+robot_is_stuck = { letter = "S", actions = { wait = 0, ask = 5, offer_trade = 8 }, null_action = "wait", shows_response = true }
+human_is_stuck = { letter = "P", actions = { pass_by = 0, assist = 15 }, null_action = "pass_by", shows_response = false }
+narrow_door = { letter = "D", actions = { go_first = 0, give_way = 2 }, null_action = "go_first", shows_response = true }
 [responses]
 refused = 0.0
 helped_late = 0.5
@@ -331,12 +334,21 @@ except InputError as error:
     print(error)
 
 # %% [markdown]
-# ## What not to take from this notebook
+# ## What to take along
 #
-# - The tables are invented. They make the numbers concrete and nothing else.
-# - The states are a bookkeeping device: "high-prosocial" is a name for "helps nearly always", given by the order of the
-#   response probabilities, not a measured disposition.
-# - That the state moves with the robot's action *and with nothing else* is an assumption. Fatigue, practice and the
-#   person's own past are not in it.
+# | question | where the answer stands |
+# |---|---|
+# | who helps in an `H` round? | the human; the robot is the one in need |
+# | which state does a response show? | the one the round *started* from |
+# | what does a silent round tell? | nothing; the belief moves by the tables alone |
+# | what is a round worth? | reward units, of which one act of help costs 15; $r$ is a choice |
 #
-# Next: [the event log, and data of real people](02_real_data_and_the_event_log.ipynb).
+# ## What not to conclude
+#
+# - That any of these numbers is about people. The tables are invented; they make the model concrete and nothing else.
+# - That a state is a disposition somebody measured. "High-prosocial" is a name for "helps nearly always", given by the
+#   order of the response probabilities.
+# - That the state moves with the robot's action *and with nothing else*. This is an assumption: fatigue, practice and
+#   the person's own past are not in it.
+#
+# Next: [real data, and the one file format for all of it](02_real_data_and_the_event_log.ipynb).

@@ -18,6 +18,12 @@
 # filled by *simulated* people. `frd2012` are choices of 384 *real* people in a repeated prisoner's dilemma
 # (Fudenberg, Rand and Dreber 2012). It is not bundled: it is fetched on first use, or taken from the folder that the
 # environment variable `PROSOCIAL_DATA` names. Where it cannot be had, the cells that need it stay empty and say so.
+#
+# **The model.** That of [notebook 01](01_the_model.ipynb). All it takes from a person is the history
+#
+# $$h = \bigl((M_0, a_0, o_0), \ldots, (M_{K-1}, a_{K-1}, o_{K-1})\bigr),$$
+#
+# so the likelihood of $N$ people needs only the distinct histories and how often each occurs.
 
 # %% tags=["parameters"]
 FAST = False
@@ -34,12 +40,12 @@ from IPython.display import Markdown, display
 
 from analysis.datasets import load
 from analysis.design import DATA_FOLDER
+from analysis.event_import import import_events
 from analysis.figures.curves import curves
 from analysis.figures.flow import still_going as plot_still_going
 from analysis.figures.notebook import panels, show
 from analysis.figures.responses import rate_by_round, rate_heat_map
 from analysis.notebooks import ABSENT
-from analysis.osf_import import import_events
 from analysis.participant_flow import flow_table, still_going
 from analysis.response_rates import response_rates
 from analysis.simulate import simulate_study1
@@ -115,9 +121,8 @@ problems
 # %% [markdown]
 # ## Why 54,000 people cost no more than 540
 #
-# The likelihood of a run depends only on its sequence of (action, response). People with the same history are
-# interchangeable, so only the *distinct* histories and their counts are needed. And histories that begin alike share
-# their beginning in a *prefix tree*. Both are exact. In the published design at most
+# People with the same history are interchangeable, so they are counted, not repeated. And histories that begin alike
+# share their beginning in a *prefix tree*. Both are exact. In the published design at most
 # $4 \text{ conditions} \times 6 \text{ schedules} \times 2^3 \text{ responses} = 192$ histories exist, however many
 # people take part.
 
@@ -140,8 +145,9 @@ show(
 )
 
 # %% [markdown]
-# **How to read it.** The work of one step of learning is proportional to the nodes. **What not to conclude:** that this
-# holds for any data. In the real data runs are long and of random length, and few are alike:
+# **How to read it.** The work of one step of learning is proportional to the nodes, so half a million people cost what a
+# few thousand cost. **What not to conclude:** that this holds for any data. In the real data runs are long and of random
+# length, and few are alike:
 
 # %%
 if real is not None:
@@ -170,7 +176,7 @@ axes = panels(2.5, 2.5, 2.5, 2.5, height=2.7)
 for ax, (name, table) in zip(axes, rates.groupby("condition"), strict=True):
     rate_by_round(table, measure="help rate", limits=(0, 1), title=name, last_round=4, ax=ax)
     ax.label_outer()
-show(axes[0], study.card.kind, "Help rate by round and condition, with 95 % intervals; at the foot, responses.")
+show(axes[0], study.card.kind, "Help rate by round and condition, with 95% intervals; at the foot, responses.")
 
 # %%
 cells = response_rates(log, {"condition": condition, "schedule": log.schedules()[log.run_of_event]})
@@ -204,7 +210,7 @@ if real is not None:
     show(
         left,
         real.card.kind,
-        "Left: cooperation by round, with 95 % intervals. Right: the share of runs that have that round.",
+        "Left: cooperation by round, with 95% intervals. Right: the share of runs that have that round.",
     )
 
 # %%
@@ -249,10 +255,18 @@ EXPORT = """prolific_id,round,opportunity,help_arm,signal_arm,robot_helped,robot
 9c0d,2,H,no-help,signal,,1,0,y
 """
 COLUMN_MAP = DATA_FOLDER / "maps" / "osf_study1_example.toml"
-with tempfile.TemporaryDirectory() as folder, chdir(folder):
-    Path("export.csv").write_text(EXPORT, encoding="utf-8")
-    Path("map.toml").write_text(COLUMN_MAP.read_text(encoding="utf-8"), encoding="utf-8")
-    imported = import_events("export.csv", "map.toml")
+
+
+def imported_from(text):
+    """Import in a folder that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        Path("export.csv").write_text(text, encoding="utf-8")
+        Path("map.toml").write_text(COLUMN_MAP.read_text(encoding="utf-8"), encoding="utf-8")
+        return import_events("export.csv", "map.toml")
+
+
+# %%
+imported = imported_from(EXPORT)
 print(*imported.notes)
 imported.log.to_frame()
 
@@ -261,13 +275,10 @@ imported.log.to_frame()
 # ids are gone. A value that the map does not know is not guessed at:
 
 # %%
-with tempfile.TemporaryDirectory() as folder, chdir(folder):
-    Path("export.csv").write_text(EXPORT.replace("9c0d,2,H", "9c0d,2,X"), encoding="utf-8")
-    Path("map.toml").write_text(COLUMN_MAP.read_text(encoding="utf-8"), encoding="utf-8")
-    try:
-        import_events("export.csv", "map.toml")
-    except EventLogError as error:
-        print(error)
+try:
+    imported_from(EXPORT.replace("9c0d,2,H", "9c0d,2,X"))
+except EventLogError as error:
+    print(error)
 
 # %% [markdown]
 # ## What the real data are not
@@ -280,5 +291,22 @@ if real is not None:
 
 # %% [markdown]
 # So these data can test the *machinery* on people who were not drawn from the model: do searches agree, are states
-# ordered, are intervals honest. They cannot say what a robot's help does. The
-# [next notebook](03_baum_welch_and_its_traps.ipynb) learns from both.
+# ordered, are intervals honest.
+#
+# ## What to take along
+#
+# | question | where the answer stands |
+# |---|---|
+# | is my file in order? | reading it is the check; every complaint names line and column |
+# | how much data is it for learning? | distinct histories, not people |
+# | whose data is this? | the card, and the line at the foot of every figure |
+# | what may be held out for a test? | people, never runs |
+#
+# ## What not to conclude
+#
+# - That the real people say what a robot's help does. No robot was there, and no partner was assigned by chance.
+# - That the simulated people say it. Their study holds what was put into it, and whoever finds an effect there has found
+#   this project's own.
+# - That a file which is read without a complaint is a good study. It is a consistent one.
+#
+# Next: [Baum-Welch and its traps](03_baum_welch_and_its_traps.ipynb) learns from both.

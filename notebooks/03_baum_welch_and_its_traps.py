@@ -16,9 +16,11 @@
 # and how would one notice?
 #
 # **The data.** Mostly the *simulated* study of the workbench, where the truth is known; at the end the *real* people of
-# Fudenberg, Rand and Dreber (2012). The authors' own data are in neither.
+# Fudenberg, Rand and Dreber (2012), both as in [notebook 02](02_real_data_and_the_event_log.ipynb). The authors' own
+# data are in neither.
 #
-# **The model.** A run of $K$ rounds with actions $a_k$ and responses $o_k$ has the likelihood
+# **The model.** That of [notebook 01](01_the_model.ipynb). A run of $K$ rounds with actions $a_k$ and responses $o_k$ has
+# the likelihood
 #
 # $$L = \sum_{s_0, \ldots, s_{K-1}} b_0(s_0) \prod_{k=0}^{K-1} e_k(s_k) \prod_{k=0}^{K-2} T(s_{k+1} \mid s_k, a_k),$$
 #
@@ -38,10 +40,17 @@ import pandas as pd
 
 from analysis.datasets import load
 from analysis.em_study import run_em
+from analysis.em_traps import (
+    bootstrap_beside_truth,
+    chance_ahead,
+    climb_ends,
+    error_by_people,
+    schedule_ranks,
+    shares_inside,
+)
 from analysis.figures.beliefs import observation_curves
 from analysis.figures.curves import curves
 from analysis.figures.notebook import panels, show
-from analysis.figures.recovered import beside_truth
 from analysis.figures.state_number import information_criteria, log_likelihoods, optima
 from analysis.figures.transitions import RowEvidence, transition_table
 from analysis.notebooks import ABSENT
@@ -126,26 +135,24 @@ for start in (1, 2, 3):
 
 # %%
 axes = panels(3.2, 3.2, 3.2, height=2.9)
+labels = {"xlabel": "EM maps", "ylabel": "nats below the end", "log_x": True, "log_y": True}
 for ax, start in zip(axes, (1, 2, 3), strict=True):
-    lines, top = {}, max(climbs[start, name].log_likelihood for name in ("plain", "accelerated"))
-    for name in ("plain", "accelerated"):
-        trace, maps = climbs[start, name].trace, climbs[start, name].maps
-        lines[name] = (np.linspace(0, maps, len(trace)) + 1, top - trace + 1e-4)
-    curves(
-        lines, xlabel="EM maps", ylabel="nats below the end", log_x=True, log_y=True, title=f"start {start}", ax=ax
-    )
+    own = {name: climbs[start, name] for name in ("plain", "accelerated")}
+    top = max(fit.log_likelihood for fit in own.values())
+    lines = {
+        name: (np.linspace(0, fit.maps, len(fit.trace)) + 1, top - fit.trace + 1e-4) for name, fit in own.items()
+    }
+    curves(lines, title=f"start {start}", ax=ax, **labels)
 show(
-    axes[0],
-    "simulated",
-    "Climbs with 3 states. Both axes are logarithmic; $10^{-4}$ was added to show the end itself.",
-)
+    axes[0], "simulated", "Climbs with 3 states. Both axes are logarithmic; $10^{-4}$ was added to show the end itself.",
+)  # fmt: skip
 
 # %% [markdown]
 # **How to read it.** Flat stretches are ridges: for hundreds of maps next to nothing is gained, and then the climb goes
 # on. The tolerance does little harm here, but it is never reached before the usual cap, and a climb that is cut off in
-# mid-ridge looks just like one that has arrived. The workbench counts a run as converged only after ten steps in a row that gain less than $10^{-8}$,
-# and says so otherwise. **What not to conclude:** that acceleration finds better optima. It gets to *an* optimum sooner;
-# all three starts end below the best that the longer search found ("3 states" above).
+# mid-ridge looks just like one that has arrived. The workbench counts a run as converged only after ten steps in a row
+# that gain less than $10^{-8}$, and says so otherwise. **What not to conclude:** that acceleration finds better optima.
+# It gets to *an* optimum sooner; all three starts end below the best that the longer search found ("3 states" above).
 
 # %% [markdown]
 # ## Trap 3: "the log-likelihood was highest at 4 states"
@@ -165,34 +172,30 @@ show(left, "simulated", "Left: the paper's criterion. Right: criteria that charg
 print(study.restarts_sentence)
 
 # %% [markdown]
-# On this simulated study even the published procedure is highest at 5. How could one see a peak at 4? Only if restarts
-# with 5 states stop short of their maximum by more than restarts with 4 do. How probable is that? From a few hundred
-# climbs at each number of states, the chance that the best of $n$ climbs with 5 states is *below* the best of $n$ climbs
-# with 4 follows by counting; climbs are stopped after 50, 200 or 1,000 steps.
+# **How to read it.** On this simulated study even the published procedure is highest at 5; criteria that charge for
+# parameters prefer 2, although *the truth has 4 states*: 540 people with three responses each are not enough to see them
+# all. **What not to conclude:** that 5 is right, or 2.
+#
+# How could one see a peak at 4? Only if restarts with 5 states stop short of their maximum by more than restarts with 4
+# do. How probable is that? From a few hundred climbs at each number of states, the chance that the best of $n$ climbs
+# with 5 states is *below* the best of $n$ climbs with 4 follows by counting; climbs are stopped after 50, 200 or 1,000
+# steps.
 
 # %%
-climbing, luck = 40 if FAST else 200, {}
-numbers = np.array([1, 2, 3, 5, 10, 20, 30])
+climbing, numbers = 40 if FAST else 200, (1, 2, 3, 5, 10, 20, 30)
+luck = {}
 for cap in (50, 200) if FAST else (50, 200, 1000):
-    ends = {}
-    for k in (4, 5):
-        fit = replace(BaumWelch.paper(k, seed=SEED), restarts=climbing, max_maps=cap).fit(log)
-        ends[k] = np.sort(np.repeat([o.log_likelihood for o in fit.optima], [o.restarts for o in fit.optima]))
-    best_is = np.diff((np.arange(climbing + 1)[:, None] / climbing) ** numbers, axis=0)
-    five_below = (np.searchsorted(ends[5], ends[4])[:, None] / climbing) ** numbers
-    luck[f"{cap:,} steps"] = (numbers, (best_is * five_below).sum(axis=0))
+    four, five = (climb_ends(log, k, climbing, cap, SEED) for k in (4, 5))
+    luck[f"{cap:,} steps"] = (numbers, chance_ahead(four, five, numbers))
 show(
-    curves(luck, xlabel="restarts at each number of states", ylabel="chance that 4 beats 5 states"),
-    "simulated",
+    curves(luck, xlabel="restarts at each number of states", ylabel="chance that 4 beats 5 states"), "simulated",
     "How often too few restarts make 4 states look better than 5, although the maximum is higher at 5.",
-)
+)  # fmt: skip
 
 # %% [markdown]
 # **How to read it.** A lone short climb puts 4 above 5 in about one case of four; thirty full climbs practically never
 # on these data. So a reported peak at 4 is a statement about a search that stopped short (a low cap, a loose tolerance,
-# starting points), whatever the data. **What not to conclude:** that the authors' data would behave like this study, or
-# that 5 is right. AIC and BIC, which charge for parameters, prefer 2 although *the truth has 4 states*: with 540 people
-# and three responses each there is not enough to see them all.
+# starting points), whatever the data. **What not to conclude:** that the authors' data would behave like this study.
 
 # %% [markdown]
 # ## Trap 4: estimates on the boundary
@@ -213,8 +216,8 @@ pd.DataFrame(
 # **How to read it.** With more states, most entries end at exactly 0 or 1. That is what maximum likelihood does with few
 # data, not evidence that something is impossible. Standard errors come from the curvature of the likelihood at an
 # interior maximum, so entries on the boundary get none and are taken as *known* in those of the others. **What not to
-# conclude:** that 0.3 to 0.4 is how uncertain the tables are. It is how uncertain the few others are if 0 and 1 are
-# exactly right.
+# conclude:** that the last column is how uncertain the tables are. It is how uncertain the few others are if 0 and 1 are
+# exactly right; [notebook 04](04_how_sure_are_we.ipynb) does better.
 
 # %% [markdown]
 # ## Trap 5: which state is which?
@@ -257,14 +260,12 @@ for action in PUBLISHED.action_names:
 # back after every `R` round.
 
 # %%
-no_signal, pair = PUBLISHED.action("no_signal"), (PUBLISHED.action("no_help"), PUBLISHED.action("help"))
-fitted = study.fits[2].model
+no_signal, pair = PUBLISHED.action("no_signal"), [PUBLISHED.action(a) for a in ("no_help", "help")]
+fitted, trade = study.fits[2].model, np.eye(2)[::-1]
 pushed, swapped = fitted.transition.copy(), fitted.transition.copy()
-trade = np.array([[0.0, 1.0], [1.0, 0.0]])
 pushed[no_signal], swapped[no_signal] = np.eye(2), fitted.transition[no_signal] @ trade
-for action in pair:
-    pushed[action] = fitted.transition[no_signal] @ fitted.transition[action]
-    swapped[action] = trade @ fitted.transition[action]
+pushed[pair] = fitted.transition[no_signal] @ fitted.transition[pair]
+swapped[pair] = trade @ fitted.transition[pair]
 stories = {
     "as fitted": fitted,
     "all in the robot's help": replace(fitted, transition=pushed),
@@ -276,14 +277,13 @@ silent = log.select(conditions=["help+no-signal", "no-help+no-signal"])
 alternating = silent.select(runs=silent.schedules() == "HRHRH")
 rows = {}
 for name, model in stories.items():
-    row = {f"{a}: s1 → s1": model.transition[PUBLISHED.action(a), 1, 1] for a in ("no_help", "help", "no_signal")}
+    acted = ("no_help", "help", "no_signal")
+    staying = {f"{a}: s1 → s1": model.transition[PUBLISHED.action(a), 1, 1] for a in acted}
+    rows[name] = staying
     for label, part in (("only HRHRH", alternating), ("all six schedules", silent)):
-        tree = part.tree()
-        values = history_log_likelihoods(
-            tree, model.initial, model.transition, model.emission, model.emission_index
-        )
-        row[f"log-likelihood, {label}"] = values @ tree.arrays.ends[tree.terminals]
-    rows[name] = row
+        tree, tables = part.tree(), (model.initial, model.transition, model.emission, model.emission_index)
+        count = tree.arrays.ends[tree.terminals]
+        rows[name][f"log-likelihood, {label}"] = history_log_likelihoods(tree, *tables) @ count
 pd.DataFrame(rows).round(6)
 
 # %% [markdown]
@@ -294,18 +294,7 @@ pd.DataFrame(rows).round(6)
 
 # %%
 many = simulate_study1(participants=20_000, seed=SEED)
-designs = {"all six": many} | {s: many.select(runs=many.schedules() == s) for s in sorted(set(many.schedules()))}
-ranks = []
-for name, part in designs.items():
-    row = {"schedules": name}
-    for k in (2, 3, 4):
-        layout = Layout(PUBLISHED, k)
-        free = sum(
-            r.stop - r.start - 1 for r, ok in zip(layout.rows, layout.informed_rows(part), strict=True) if ok
-        )
-        row[f"{k} states"] = f"{score_rank(part, layout, {}, seed=SEED)} of {free}"
-    ranks.append(row)
-pd.DataFrame(ranks).set_index("schedules")
+schedule_ranks(many, (2, 3, 4), SEED)
 
 # %% [markdown]
 # **How to read it.** Read "11 of 13" as: two directions along which the tables can slide with the likelihood unchanged.
@@ -372,33 +361,13 @@ for name, (part, source) in cases.items():
 # %%
 for name, (estimate, bootstrap) in boots.items():
     source = cases[name][1]
-    n, states = source.n_states, [f"s{i}" for i in range(source.n_states)]
-    left, right = panels(4.4, 4.6, height=2.6 if n == 2 else 4.8)
-    low, high = bootstrap.interval("emission", 0.9)
-    beside_truth(
-        [f"{a.replace('_', ' ')}, {s}" for a in PUBLISHED.emission_actions for s in states],
-        estimate.emission[..., help_column].ravel(),
-        (low[..., help_column].ravel(), high[..., help_column].ravel()),
-        source.emission[..., help_column].ravel(), measure="probability to help", ax=left,
-    )  # fmt: skip
-    low, high = bootstrap.interval("transition", 0.9)
-    stay = [
-        np.diagonal(table, axis1=1, axis2=2).ravel()
-        for table in (estimate.transition, low, high, source.transition)
-    ]
-    beside_truth(
-        [f"{a.replace('_', ' ')}, {s}" for a in PUBLISHED.action_names for s in states],
-        stay[0], (stay[1], stay[2]), stay[3], measure="probability to stay in the state", ax=right,
-    )  # fmt: skip
-    inside = [np.mean((low <= true) & (true <= high)) for low, high, true in (
-        (*bootstrap.interval(table, 0.9), getattr(source, table)) for table in ("emission", "transition")
-    )]  # fmt: skip
+    inside = shares_inside(bootstrap, source)
     show(
-        left,
-        "simulated",
-        f"A truth of {name} states, 540 people: estimates, 90 % bootstrap intervals ({REPLICATES} replicates) and truth. "
-        f"Of all response entries {inside[0]:.0%}, of all transition entries {inside[1]:.0%} have the truth inside.",
-    )
+        bootstrap_beside_truth(estimate, bootstrap, source), "simulated",
+        f"A truth of {name} states, 540 people: estimates, 90% bootstrap intervals ({REPLICATES} replicates) and truth. "
+        f"Of all response entries {inside['emission']:.0%}, of all transition entries {inside['transition']:.0%} have "
+        "the truth inside.",
+    )  # fmt: skip
 
 # %% [markdown]
 # **How to read it.** With two states the bars are short, most diamonds lie in them and the others near: this can be
@@ -415,14 +384,10 @@ for name, (estimate, bootstrap) in boots.items():
 
 # %%
 sizes = (540, 5_400, 54_000) if FAST else (540, 5_400, 54_000, 540_000)
-error = {}
-for source in (inner, truth):
-    off = []
-    for people in sizes:
-        large = simulate_study1(truth=source, participants=people, seed=SEED + 2)
-        search = BaumWelch(source.n_states, restarts=RESTARTS // 2, finalists=max(FINALISTS // 3, 3), seed=SEED)
-        off.append(np.abs(search.fit(large).model.transition - source.transition).mean())
-    error[f"{source.n_states} states"] = (sizes, off)
+truths = {f"{source.n_states} states": source for source in (inner, truth)}
+search = BaumWelch(2, restarts=RESTARTS // 2, finalists=max(FINALISTS // 3, 3), seed=SEED)
+found = error_by_people(truths, sizes, search, SEED + 2)
+error = {name: (sizes, off) for name, off in found.items()}
 show(
     curves(error, xlabel="people", ylabel="mean error of a transition entry", log_x=True, log_y=True),
     "simulated",
@@ -431,8 +396,8 @@ show(
 
 # %% [markdown]
 # **How to read it.** Falling by half a decade for every decade of people is textbook learning, and two states follow it.
-# Four states hardly learn from a thousandfold; tables drawn at random would be off by 0.28. **What not to conclude:** that
-# people have two states, or that four are wrong. Three responses a person are too few to see four.
+# Four states learn far less from a thousandfold. **What not to conclude:** that people have two states, or that four are
+# wrong. Three responses a person are too few to see four.
 
 # %% [markdown]
 # ## Real people
@@ -491,10 +456,10 @@ if real is not None:
         print("-", sentence)
 
 # %% [markdown]
-# **How to read it.** The states come out far apart: one that nearly always cooperates, one that nearly never does, and one
-# or two between. With 3 states, a partner's defection moves the top state down by one step in four
-# of ten cases and cooperation brings the middle state up in seven of ten; the bottom state stays where it is whatever the
-# partner does. All final climbs meet at one top, so here the search is no worry. **What not to conclude:** that a partner's
+# **How to read it.** The states come out far apart: one that nearly always cooperates, one that nearly never does, and
+# one or two between. With 3 states, a partner's defection moves the top state down by one step in some four of ten cases
+# and cooperation brings the middle state up in some seven of ten; the bottom state stays where it is whatever the partner
+# does. All final climbs meet at one top, so here the search is no worry. **What not to conclude:** that a partner's
 # cooperation *causes* the move. Partners were not randomised: they answered to what the person had done. And the pin
 # decided, before any datum, that a person's own choice leaves their state alone.
 #
@@ -508,3 +473,13 @@ if real is not None:
 # | boundary | entries at 0 or 1; missing standard errors |
 # | labels | the order by response against the order by dwell time |
 # | identification | the rank, strict alternation, and which table was pinned |
+#
+# ## What not to conclude
+#
+# - That a table is known because a search found it. The best optimum is the best that was found, an entry at 0 is no
+#   impossibility, and what the design cannot tell no search can.
+# - That the number of states is a fact about people. It is how fine a picture these data carry, and log-likelihood alone
+#   always asks for one state more.
+# - That the paper's search failed. Its data are not here; what is shown is what *can* happen on data like these.
+#
+# Next: [how sure are we?](04_how_sure_are_we.ipynb) puts a distribution in the place of one set of tables.

@@ -11,13 +11,13 @@
 # %% [markdown]
 # # How sure are we?
 #
-# **The question.** Baum-Welch gives one set of tables (notebook 03). How different could the tables be, given the same
-# data? And which *conclusions* depend on what is not known?
+# **The question.** Baum-Welch gives one set of tables ([notebook 03](03_baum_welch_and_its_traps.ipynb)). How different
+# could the tables be, given the same data? And which *conclusions* depend on what is not known?
 #
 # **The data.** The *simulated* study of the workbench (540 simulated people, known truth); at the end the *real* people of
 # Fudenberg, Rand and Dreber (2012).
 #
-# **The model.** The same likelihood as in notebook 03, with a prior on every row of every table:
+# **The model.** The same likelihood as there, with a prior on every row of every table:
 #
 # $$T(\cdot \mid s, a) \sim \text{Dirichlet}(1 + \kappa\, e_s), \qquad b_0 \sim \text{Dirichlet}(1), \qquad
 # O(\text{help} \mid s, a) \sim \text{Beta}(1, 1).$$
@@ -35,7 +35,7 @@ import numpy as np
 import pandas as pd
 import pymc as pm
 
-from analysis.causal import causal_effects
+from analysis.causal import causal_effects, expected_responses, with_action
 from analysis.datasets import load, log_digest
 from analysis.figures.chain_ranks import chain_ranks
 from analysis.figures.checks import predictive_checks
@@ -52,6 +52,7 @@ from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
 from models.bayesian_hmm import build_model
 from models.edited_model import fit_model
 from models.errors import InputError
+from models.model_draws import ModelDraws
 from models.nuts import NutsSettings
 from models.person_offset import PersonOffset
 from models.protocol import PUBLISHED
@@ -116,8 +117,9 @@ pd.DataFrame(
 ).round(3)
 
 # %% [markdown]
-# The conviction of 20 invented responses a state pulls the help rate of s0 up; s1, of which the data say more and which
-# agrees with it, stays.
+# **How to read it.** The conviction of 20 invented responses a state pulls the help rate of s0 up; s1, of which the data
+# say more and which agrees with it, stays. **What not to conclude:** that a strong prior is a fault. It is a premise, and
+# here it can be read.
 
 # %%
 axes = panels(3.0, 3.0, 3.0, height=2.5)
@@ -198,46 +200,33 @@ for ax, action in zip(axes, ("help", "signal"), strict=True):
 show(axes[0], "simulated", "Always against never, by round, 4 states, beside the raw difference of the arms.")
 
 # %%
-known = causal_effects(fits[2], log)
-rows = []
+names, figures = ["mean", "low", "high"], {}
+raw = ["raw", "raw_low", "raw_high"]
 for k, found in effects.items():
     for action in found.actions:
-        row = found.of(action).iloc[-1]
-        rows.append({"action": action, "states": k, **(100 * row[["mean", "low", "high"]].astype(float)).round(1)})
-for action in known.actions:
-    row = 100 * known.of(action).iloc[-1][["raw", "raw_low", "raw_high"]].astype(float)
-    rows.append(
-        {
-            "action": action,
-            "states": "none: raw arms",
-            **dict(zip(("mean", "low", "high"), row.round(1), strict=True)),
-        }
-    )
-pd.DataFrame(rows).sort_values("action", kind="stable").set_index(["action", "states"])
+        row = 100 * found.of(action).iloc[-1][names + raw].astype(float)
+        figures[action, f"{k} states"] = row[names]
+        figures[action, "none: raw arms"] = row[raw].set_axis(names)
+pd.DataFrame(figures).T.rename_axis(["action", "states"]).sort_index().round(1)
 
 # %% [markdown]
 # And the truth, which only simulated data have: the same contrast under the tables that the data were drawn from.
 
 # %%
-from analysis.causal import expected_responses, with_action
-from models.model_draws import ModelDraws
-
 truth = ModelDraws.from_models([calibrated_truth()])
-for mode, null, act in (
-    ("human_needs_help", "no_help", "help"),
-    ("robot_needs_help", "no_signal", "signal"),
-):
+choices = (("human_needs_help", "no_help", "help"), ("robot_needs_help", "no_signal", "signal"))
+for mode, null, act in choices:
     (never, runs), (always, _) = (expected_responses(truth, log, with_action(log, mode, a)) for a in (null, act))
     print(
         f"true effect of always '{act}': {100 * ((always - never)[0] @ runs / runs.sum()):+.1f} percentage points"
     )
 
 # %% [markdown]
-# **How to read it.** Three things at once. The effect over all responses is nearly the same at 2, 3 and 4 states, although
-# at 4 the tables it is made of are mostly prior: the answer does not hang on the number of states. Its intervals are
-# narrower than the raw ones, since the model borrows strength over rounds and schedules. *And they leave out the truth*,
-# which the raw interval contains. The prior is why: priors that look flat entry by entry give `help` and `no help` tables
-# that are alike on average, so before any data the model all but excluded an effect of this size,
+# **How to read it.** Three things at once. The effect over all responses is nearly the same at 2, 3 and 4 states,
+# although at 4 the tables it is made of are mostly prior: the answer does not hang on the number of states. Its intervals
+# are narrower than the raw ones, since the model borrows strength over rounds and schedules. *And of helping they leave
+# out the truth*, which the raw interval contains. The prior is why: priors that look flat entry by entry give `help` and
+# `no help` tables that are alike on average, so before any data the model all but excluded an effect of this size,
 
 # %%
 for k, found in effects.items():
@@ -265,11 +254,12 @@ before = prior_predictive(log, 4, draws=100 if FAST else 400, seed=SEED)
 print(prior_sentence(before))
 
 # %% [markdown]
-# **How to read it.** Before the data (last two columns) $\kappa$ matters for one act: the stickier, the less an action can
-# do. After the data it matters little for the average effects. But agreement over $\kappa$ is no proof of innocence: all
-# three priors pull the effect of helping towards zero, as the last section showed. Also, four independent uniform help
-# rates average out near one half, so the "flat" prior is surprised by a study in which four of five help. **What not to
-# conclude:** that flat priors on entries are flat on what one cares about.
+# **How to read it.** Before the data (last two columns) $\kappa$ matters for one act: the stickier, the less an action
+# can do. After the data it matters little for the average effects. (Where the gate failed the sentence says so; such a
+# row is rough.) But agreement over $\kappa$ is no proof of innocence: all three priors pull the effect of helping towards
+# zero, as the last section showed. Also, four independent uniform help rates average out near one half, so the "flat"
+# prior is surprised by a study in which four of five help. **What not to conclude:** that flat priors on entries are flat
+# on what one cares about.
 #
 # ## Checks that the model could fail
 #
@@ -281,7 +271,7 @@ checks = {k: posterior_checks(fits[k], log, draws=100 if FAST else 400, seed=SEE
 show(
     predictive_checks(checks[2].table, title="2 states"),
     "simulated",
-    "Observed values (diamonds, filled where outside) among simulated studies (bars: 90 %).",
+    "Observed values (diamonds, filled where outside) among simulated studies (bars: 90%).",
 )
 for k, found in checks.items():
     print(f"{k} states: {found.sentence}")
@@ -293,7 +283,7 @@ for k, found in checks.items():
 # ## Real people
 #
 # Condition `bc4_e8` of Fudenberg, Rand and Dreber: 90 people, four games each, $T(\text{no signal})$ held at the identity
-# as in notebook 03.
+# as in [notebook 03](03_baum_welch_and_its_traps.ipynb).
 
 # %%
 try:
@@ -319,9 +309,10 @@ if real is not None:
 # %% [markdown]
 # **How to read it.** Here the tables are well determined, and the model is *wrong*: every game starts from the same
 # initial belief, so simulated people are all alike in the long run. Real people differ, and stay different from game to
-# game: the variance of their counts is several times what the model can produce, and one in eight never cooperates.
+# game: the variance of their counts is several times what the model can produce, and far more of them never cooperate.
 # Small intervals around the tables of a model that fails are no comfort. And the large contrast of the partner's
-# cooperation is *not* an effect: partners were not randomised, they answered to what the person had done.
+# cooperation is *not* an effect: partners were not randomised, they answered to what the person had done. **What not to
+# conclude:** that latent states are refuted. One assumption of this model is, that everybody starts alike.
 #
 # ## People who differ
 #
@@ -366,6 +357,7 @@ if real is not None and not FAST:
 # people (how much their counts vary, who always or never cooperates) look as they should, with a single state. What it
 # cannot do is change: first and last responses, and runs of equal ones, are for the states to explain. Both together
 # (`prosocial bayes frd2012 --states 2 --people-differ --person-scale 4 --person-nodes 61`) is a few minutes of work.
+# **What not to conclude:** that people are of fixed kinds, because a model without change gets their differences right.
 #
 # ## What to take along
 #
@@ -376,3 +368,12 @@ if real is not None and not FAST:
 # | may I quote this effect? | the contrast, its kappa table, and the raw arms where there are any |
 # | is the model good enough? | checks it could fail, conditioned on what they say |
 # | is it causal? | only where the design assigned the action |
+#
+# ## What not to conclude
+#
+# - That a passed gate makes a model right, or that a narrow interval makes an answer right. The intervals of helping left out
+#   the truth that the study was drawn from, because the prior did.
+# - That tables with contraction near zero say anything about people. They repeat the prior.
+# - Anything about people from the simulated study, or about effects from the real one.
+#
+# Next: [the mixed model and the tests of both studies](05_the_mixed_model.ipynb), which knows no states at all.

@@ -11,8 +11,9 @@
 # %% [markdown]
 # # The mixed model and the tests of both studies
 #
-# **The question.** The paper tests study 1 with a regression, study 2 with analyses of variance. What do these tests say,
-# what do they not say, and how much hangs on the way they are computed?
+# **The question.** Notebooks [03](03_baum_welch_and_its_traps.ipynb) and [04](04_how_sure_are_we.ipynb) learn hidden
+# states. The paper also tests study 1 with a regression and study 2 with analyses of variance, which know none. What do
+# these tests say, what do they not say, and how much hangs on the way they are computed?
 #
 # **The data.** The *simulated* study 1 of the workbench; the *real* people of Fudenberg, Rand and Dreber (2012) where a
 # model should be seen failing; small studies simulated on the spot.
@@ -34,18 +35,36 @@ SEED = 1
 import numpy as np
 import pandas as pd
 
+from analysis.anova import mixed_anova
+from analysis.anova_logistic import logistic_twin
 from analysis.datasets import load, log_digest
 from analysis.design import published, study1_design
 from analysis.evidence import read_evidence
+from analysis.figures.comparisons import cell_means, compared_groups
 from analysis.figures.coverage import coverage_by_parameter
 from analysis.figures.curves import curves
 from analysis.figures.notebook import panels, show
 from analysis.figures.odds import odds_forest, rates_beside, residual_classes
+from analysis.figures.power import power_by_people
 from analysis.figures.quadrature import rules_near_ceiling
 from analysis.figures.signal_by_state import signal_effects
 from analysis.fits import stored_fit
 from analysis.mixed_model_groups import group_table, influence_of
 from analysis.notebooks import ABSENT
+from analysis.posthoc import PersonValues, dunnett, tukey
+from analysis.power_contraction import ALL_MOVES, ContractionPower, contraction_power, schedules_design
+from analysis.power_curves import reached
+from analysis.power_formulas import FTestDesign, curve_people, power_curve, sample_size
+from analysis.power_printed import printed_sizes
+from analysis.power_simulation import (
+    STUDY1_SD,
+    STUDY1_TRUTH,
+    TEST_NAMES,
+    MixedModelPower,
+    mixed_model_power,
+    study1_rows,
+)
+from analysis.printed_anova import anova_consistency, printed_anova
 from analysis.printed_regression import READING, STATE_CLAIM, consistency
 from analysis.quadrature_study import quadrature_study
 from analysis.regression import regress
@@ -53,6 +72,7 @@ from analysis.regression_checks import by_condition, residuals
 from analysis.regression_readings import readings
 from analysis.regression_sources import LAPLACE, QUADRATURE, long_form, of_fit, of_print, side_by_side
 from analysis.regression_words import interaction_sentence, odds_sentence, rules_sentence
+from analysis.repeated_measures import RepeatedMeasures
 from analysis.signal_by_state import NEXT, SAME, signal_by_state
 from analysis.simulate import calibrated_truth
 from models.errors import InputError
@@ -60,6 +80,9 @@ from models.glmm import LogisticMixedModel
 from models.glmm_marginal import mean_probability
 from models.glmm_nodes import node_table
 from models.nuts import NutsSettings
+
+# %% [markdown]
+# ## The regression of study 1
 
 # %%
 data = load("simulated_study1")
@@ -69,7 +92,8 @@ print(study.main.summary())
 # %% [markdown]
 # **How to read it.** Coefficients are log odds ratios *for one and the same person*. The last row is the spread between
 # people on the same scale, and it is large: most people always help or never do (the row "groups that never vary"). A
-# Wald test of it would mean nothing, so there is none.
+# Wald test of it would mean nothing, so there is none. **What not to conclude:** anything about people: these are
+# simulated.
 
 # %%
 study.models.drop(columns="BIC").round(2)
@@ -130,18 +154,16 @@ for note in laplace.main.notes:
     print(f"{note.category.__name__}: {note.text}")
 
 # %% [markdown]
-# One node says 4.85, finer rules settle at 2.81. Log-likelihoods must not be compared between rows: Laplace's is
-# higher because it is wrong, not because it fits better. Is that this data set, or is it the method? Draw studies from
-# known truths with a rising share of people who always help:
+# One node makes people differ far more than finer rules, which settle. Log-likelihoods must not be compared between rows:
+# Laplace's is higher because it is wrong, not because it fits better. Is that this data set, or is it the method? Draw
+# studies from known truths with a rising share of people who always help:
 
 # %%
 ceiling = quadrature_study((0.0, 1.0, 2.0, 2.5, 3.0, 3.5), replicates=20 if FAST else 200, seed=SEED)
-axes = panels(4.4, 4.4, height=3.1)
-rules_near_ceiling(ceiling.summary, "sd", truth=ceiling.sd, ylabel="estimated standard deviation", ax=axes[0])
-rules_near_ceiling(
-    ceiling.summary, "odds_ratio", truth=float(np.exp(ceiling.effect)), ylabel="estimated odds ratio", legend=False,
-    ax=axes[1],
-)  # fmt: skip
+axes, ratio = panels(4.4, 4.4, height=3.1), float(np.exp(ceiling.effect))
+words = [f"estimated {what}" for what in ("standard deviation", "odds ratio")]
+rules_near_ceiling(ceiling.summary, "sd", truth=ceiling.sd, ylabel=words[0], ax=axes[0])
+rules_near_ceiling(ceiling.summary, "odds_ratio", truth=ratio, ylabel=words[1], legend=False, ax=axes[1])
 show(
     axes[0], "simulated",
     f"{ceiling.people} people with {ceiling.responses} responses each, both fits of every study. Median; bars hold half "
@@ -167,15 +189,11 @@ print(stored.provenance)
 found = pd.DataFrame(stored.content["table"])
 axes = panels(4.4, 4.4, height=3.4)
 for ax, rate in zip(axes, stored.content["rates"], strict=True):
-    coverage_by_parameter(
-        found[found["intercept"] == rate["intercept"]], 0.95, title=f"{rate['rate']:.0%} of responses are helping",
-        legend=ax is axes[-1], ax=ax,
-    )  # fmt: skip
+    own, title = found[found["intercept"] == rate["intercept"]], f"{rate['rate']:.0%} of responses are helping"
+    coverage_by_parameter(own, 0.95, title=title, legend=ax is axes[-1], ax=ax)
 show(
-    axes[0],
-    "simulated",
-    "Share of 500 studies whose interval holds the truth; the band is where exact intervals lie.",
-)
+    axes[0], "simulated", "Share of 500 studies whose interval holds the truth; the band is where exact intervals lie.",
+)  # fmt: skip
 print(stored.sentence)
 
 # %%
@@ -184,10 +202,10 @@ found.pivot_table(index=["intercept", "parameter"], columns=["rule", "interval"]
 )
 
 # %% [markdown]
-# **How to read it.** By quadrature every interval of both kinds stays in the band. By Laplace the intervals of the spread and
-# of the intercept miss the truth far too often, and near the ceiling those of the odds ratios hold it always: they are nearly
-# twice as wide as they should be, because the spread is. **What not to conclude:** that a Wald interval is as good as a profile
-# one. Near the ceiling it misses to one side: see `below` and `above` in the evidence.
+# **How to read it.** By quadrature every interval of both kinds stays in the band. By Laplace the intervals of the spread
+# and of the intercept miss the truth far too often, and near the ceiling those of the odds ratios hold it always: they
+# are nearly twice as wide as they should be, because the spread is. **What not to conclude:** that a Wald interval is as
+# good as a profile one. Near the ceiling it misses to one side: see `below` and `above` in the evidence.
 #
 # ## Profile intervals
 #
@@ -261,7 +279,7 @@ side_by_side(sources, study).set_index("quantity")
 
 # %%
 ax = odds_forest(long_form(sources[1:]), sources=[LAPLACE, QUADRATURE])
-show(ax, "simulated", "Odds ratios for one person with 95 % Wald intervals under both rules.")
+show(ax, "simulated", "Odds ratios for one person with 95% Wald intervals under both rules.")
 for text in consistency(published()):
     print(text)
 print("\nThe paper:", READING)
@@ -284,9 +302,10 @@ show(
 print(checked.sentence)
 
 # %% [markdown]
-# Residuals are randomised quantile residuals given a person's *earlier* responses: uniform and independent if the model is
-# right. They pass, although these data were drawn from a model with moving states: three responses a person cannot tell a
-# trait from a state. On real people with thirty responses they can:
+# **How to read it.** Residuals are randomised quantile residuals given a person's *earlier* responses: uniform and
+# independent if the model is right. They pass, although these data were drawn from a model with moving states. **What not
+# to conclude:** that people do not change; three responses a person cannot tell a trait from a state (it was the same in
+# [notebook 04](04_how_sure_are_we.ipynb)). Thirty can, as real people show:
 
 # %%
 try:
@@ -336,22 +355,16 @@ print(STATE_CLAIM)
 # %%
 sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(1000, 1000, 4, SEED)
 digest = log_digest(data.log)
-effects = {
-    k: signal_by_state(
-        stored_fit(data.log, digest, k, sampler=sampler).posterior, "signal", study.marginal["signal"]
-    )
-    for k in (2, 4)
-}
-axes = panels(4.4, 4.4, height=3.2)
+fits = {k: stored_fit(data.log, digest, k, sampler=sampler).posterior for k in (2, 4)}
+effects = {k: signal_by_state(fit, "signal", study.marginal["signal"]) for k, fit in fits.items()}
+
+# %%
+axes, table = panels(4.4, 4.4, height=3.2), effects[4].table
+look = {"regression": effects[4].regression.difference, "limits": (-45, 45)}
 for ax, quantity in zip(axes, (SAME, NEXT), strict=True):
-    rows = effects[4].table[effects[4].table["quantity"] == quantity]
-    signal_effects(
-        rows, regression=effects[4].regression.difference, title=f"response in the {quantity}", limits=(-45, 45),
-        legend=quantity == SAME, ax=ax,
-    )  # fmt: skip
-show(
-    axes[0], "simulated", "Effect of a signal by state at 4 states (90 %), and the regression's one number (95 %)."
-)
+    rows = table[table["quantity"] == quantity]
+    signal_effects(rows, title=f"response in the {quantity}", legend=quantity == SAME, ax=ax, **look)
+show(axes[0], "simulated", "Effect of a signal by state at 4 states (90%), and the regression's one number (95%).")
 for found in effects.values():
     print(found.sentence)
 
@@ -366,34 +379,27 @@ for found in effects.values():
 # the printed F.
 
 # %%
-from analysis.anova import mixed_anova
-from analysis.anova_logistic import logistic_twin
-from analysis.figures.comparisons import cell_means, compared_groups
-from analysis.posthoc import PersonValues, dunnett, tukey
-from analysis.printed_anova import anova_consistency, printed_anova
-from analysis.repeated_measures import RepeatedMeasures
-
 printed = printed_anova(published())
 print(anova_consistency(printed))
 printed.drop(columns="agrees").round(4)
 
 # %% [markdown]
-# Study 2's people are not part of this project, and its game is not played in this notebook. So the numbers below are made up
-# on the spot, in study 2's design: five policies, before and after, 100 people. People differ, everybody improves, and two
-# policies are better than the rest.
+# Study 2's people are not part of this project, and its game is played in [notebook 08](08_the_token_game.ipynb). So the
+# numbers below are made up on the spot, in study 2's design: five policies, before and after, 100 people. People differ,
+# everybody improves, and two policies are better than the rest.
 
 # %%
-rng = np.random.default_rng(SEED)
-policies = np.repeat(["ls-POMDP", "always", "never", "myopic", "reactive"], 20)
-better = pd.Series(policies).map({"ls-POMDP": 8, "always": 8}).fillna(0).to_numpy()
-person = rng.normal(60, 8, 100)
-rows = [
-    {"id": i, "policy": policies[i], "time": time, "performance": person[i] + gain + rng.normal(0, 5)}
-    for i in range(100)
-    for time, gain in (("first", 0), ("last", 6 + better[i]))
-]
+rng, n = np.random.default_rng(SEED), 100
+policies = np.repeat(["ls-POMDP", "always", "never", "myopic", "reactive"], n // 5)
+first = rng.normal(60, 8, n)
+gain = 6 + 8 * np.isin(policies, ["ls-POMDP", "always"])
+times = {"first": first + rng.normal(0, 5, n), "last": first + gain + rng.normal(0, 5, n)}
+rows = pd.DataFrame({"id": np.arange(n), "policy": policies, **times})
+rows = rows.melt(["id", "policy"], var_name="time", value_name="performance")
+
+# %%
 names = {"between": "policy", "within": "time", "subject": "id", "times": ("first", "last")}
-measures = RepeatedMeasures.from_frame(pd.DataFrame(rows), dv="performance", **names)
+measures = RepeatedMeasures.from_frame(rows, dv="performance", **names)
 tested, people = mixed_anova(measures), PersonValues.at(measures)
 print(tested.sentence)
 show(
@@ -414,15 +420,15 @@ print(versus.sentence)
 # **How to read it.** A policy that works shows as an *interaction*: before it acts, there is nothing to differ. The paper
 # compares four policies with one, its own, and prints Tukey's comparisons of all ten pairs; Dunnett's test is made for
 # comparing with one reference and loses less: compare the lengths of the intervals. What is fed matters: one value a person,
-# here the last.
+# here the last. **What not to conclude:** anything about the paper's policies. Which are better was put in.
 #
 # Whether somebody helped is 0 or 1. An analysis of variance ignores that its variance depends on its mean; the mixed model
 # of this notebook, with `policy * time`, is the test that fits. It comes in the same two types, and unlike there the type
 # matters for log-odds even where groups are of one size:
 
 # %%
-chance = 1 / (1 + np.exp(-(0.5 + 0.25 * (np.array([row["performance"] for row in rows]) - 65))))
-helped = pd.DataFrame(rows).assign(help=(rng.random(200) < chance).astype(int))
+chance = 1 / (1 + np.exp(-(0.5 + 0.25 * (rows["performance"] - 65))))
+helped = rows.assign(help=(rng.random(len(rows)) < chance).astype(int))
 twin = RepeatedMeasures.from_frame(helped, dv="help", **names)
 print(mixed_anova(twin).sentence)
 for ss_type in (3, 2):
@@ -438,12 +444,6 @@ for ss_type in (3, 2):
 # printed, and neither is the correlation between two measurements of a person, on which the number hangs:
 
 # %%
-from analysis.figures.power import power_by_people
-from analysis.power_contraction import ALL_MOVES, ContractionPower, contraction_power, schedules_design
-from analysis.power_curves import reached
-from analysis.power_formulas import FTestDesign, curve_people, power_curve, sample_size
-from analysis.power_printed import printed_sizes
-
 sizes = printed_sizes()
 print(sizes.sentence)
 
@@ -480,25 +480,16 @@ show(
 )
 
 # %% [markdown]
-# **How to read it.** Between a correlation of .2 and one of .8 lies a factor of four in people. **What not to conclude:** that
-# the paper assumed .43: nothing printed says so.
+# **How to read it.** Between a correlation of .2 and one of .8 lies a factor of four in people. **What not to conclude:**
+# that the paper assumed .43: nothing printed says so.
 #
 # ### The mixed model, by simulation
 #
-# Formulas of F tests know neither a bounded outcome nor two or three responses a person. So studies are drawn from the mixed
-# model under study 1's design, with the printed odds ratios and an intercept and spread that are not printed and were chosen,
-# and fitted like any other.
+# Formulas of F tests know neither a bounded outcome nor two or three responses a person. So studies are drawn from the
+# mixed model under study 1's design, with the printed odds ratios and an intercept and spread that are not printed and
+# were chosen, and fitted like any other.
 
 # %%
-from analysis.power_simulation import (
-    STUDY1_SD,
-    STUDY1_TRUTH,
-    TEST_NAMES,
-    MixedModelPower,
-    mixed_model_power,
-    study1_rows,
-)
-
 sizes_of = {"signal": (100, 200, 400, 800, 1600), "robot_help": (20, 40, 80, 160)}
 simulated = {
     term: mixed_model_power(
@@ -506,15 +497,14 @@ simulated = {
     )
     for term, at in sizes_of.items()
 }
+
+# %%
 axes = panels(4.4, 4.4, height=3.2)
 for ax, (term, found) in zip(axes, simulated.items(), strict=True):
-    lines = {
-        TEST_NAMES[test]: part.rename(columns={"power": "value"})
-        for test, part in found.table.groupby("test", sort=False)
-    }
-    needed = {
-        name: reached(*part[["people", "value", "low", "high"]].to_numpy().T, 0.8).n for name, part in lines.items()
-    }
+    tests = found.table.rename(columns={"power": "value"}).groupby("test", sort=False)
+    lines = {TEST_NAMES[test]: part for test, part in tests}
+    curves_at = {name: part[["people", "value", "low", "high"]].to_numpy().T for name, part in lines.items()}
+    needed = {name: reached(*at, 0.8).n for name, at in curves_at.items()}
     power_by_people(lines, 0.8, reached=needed, title=f"{term}: odds ratio {np.exp(STUDY1_TRUTH[term]):.2f}", ax=ax)
 show(axes[0], "simulated", "Share of simulated studies with p < .05, with its 95% interval; 80% wanted.")
 for found in simulated.values():
@@ -527,16 +517,17 @@ null = MixedModelPower(
 mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(3)
 
 # %% [markdown]
-# **How to read it.** The printed effect of the robot's help needs about sixty people; that of signalling about a thousand, for
-# most people are at the ceiling, where a signal has little left to change. With the 540 who took part a signal of that size
-# would be found about every second time, so that p = .077 is no evidence against it. The last table is the size of the
-# tests: without an effect they are significant in about 5% of studies.
+# **How to read it.** The printed effect of the robot's help needs about sixty people; that of signalling about a
+# thousand, for most people are at the ceiling, where a signal has little left to change. With the 540 who took part a
+# signal of that size would be found about every second time, so that p = .077 is no evidence against it. The last table
+# is the size of the tests: without an effect they are significant in about 5% of studies.
 #
 # ### The latent-state model's own question
 #
-# No null hypothesis is tested with the latent-state model. Its question is: with how many people, and which sequences, does
-# a transition table become *known*? Contraction, $1 - \operatorname{var}(\text{posterior})/\operatorname{var}(\text{prior})$,
-# says how much of the prior doubt a study removes. Studies are drawn from a known truth with four states and learned from:
+# No null hypothesis is tested with the latent-state model. Its question is: with how many people, and which sequences,
+# does a transition table become *known*? Contraction, $1 -
+# \operatorname{var}(\text{posterior})/\operatorname{var}(\text{prior})$, says how much of the prior doubt a study
+# removes. Studies are drawn from a known truth with four states and learned from:
 
 # %%
 few_draws = NutsSettings(60, 60, 2) if FAST else NutsSettings(250, 250, 2)
@@ -548,6 +539,8 @@ plans = {
 at = (50, 100) if FAST else (100, 400, 1600, 6400)
 asked = ContractionPower(calibrated_truth(), plans, at, 2 if FAST else 4, sampler=few_draws, seed=SEED)
 known = contraction_power(asked)
+
+# %%
 curve = known.table[known.table["table"] == ALL_MOVES].rename(columns={"mean": "value"})
 lines = dict(list(curve.groupby("design", sort=False)))
 needed = {name: known.reached(0.5, ALL_MOVES, name).n for name in lines}
@@ -563,8 +556,9 @@ needed.map(lambda n: f"more than {at[-1]:,}" if np.isnan(n) else f"{np.ceil(n):,
 # **How to read it.** Half of the doubt about how states move takes thousands of people with study 1's five rounds. Study 2's
 # nine rounds, with five responses a person instead of three, do it with less than half as many. Five rounds in strict
 # alternation do least: between two responses there is always a move of the robot's signal *and* one of its help, so that
-# only products of two tables enter the likelihood; study 2 alternates too, but shows more of these products. How a state *responds* is known long before how it moves. **What not to
-# conclude:** that tables are known once this line is crossed: it is a mean over studies and a median over entries.
+# only products of two tables enter the likelihood (trap 6 of [notebook 03](03_baum_welch_and_its_traps.ipynb)); study 2
+# alternates too, but shows more of these products. How a state *responds* is known long before how it moves. **What not
+# to conclude:** that tables are known once this line is crossed: it is a mean over studies and a median over entries.
 
 # %% [markdown]
 # ## What to take along
@@ -579,3 +573,12 @@ needed.map(lambda n: f"more than {at[-1]:,}" if np.isnan(n) else f"{np.ceil(n):,
 # | may I believe the intervals? | coverage: by quadrature yes, by Laplace near the ceiling no |
 # | were there enough people? | power by simulation, with its assumptions; contraction for tables |
 # | does it depend on the state? | the difference between states with its interval, not the model's name |
+#
+# ## What not to conclude
+#
+# - That "10.42 times more likely" is what an odds ratio of 10.42 says, or that one number of people is what a power
+#   analysis says. Both hang on a spread or a correlation that is not printed.
+# - That p = .077 is evidence against an effect of signalling. It is what studies of this size find about every second time.
+# - That a model without states was shown to be better or worse than one with them: they were asked different questions.
+#
+# Next: [plans and baselines](06_plans_and_baselines.ipynb). What should a robot do that knew how people change?

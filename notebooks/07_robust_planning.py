@@ -14,7 +14,8 @@
 # **The question.** Given everything we believe about how people change, what should the robot do, how much does our doubt
 # cost, and which data would reduce it?
 #
-# **The data.** The *simulated* study of 540 people: the posterior of its tables with four states, as in notebook 4.
+# **The data.** The *simulated* study of 540 people: the posterior of its tables with four states, as in
+# [notebook 04](04_how_sure_are_we.ipynb).
 #
 # **The model.** Draws $\theta_1, \dots, \theta_N$ of the posterior with weights $w_i$. A plan $\pi$ is worth $V_i(\pi)$ in
 # draw $i$, whose own optimum is $V^*_i$. The robot may
@@ -71,8 +72,8 @@ chains = posterior.gate.chains
 # %% [markdown]
 # ## Every draw has its own best plan
 #
-# If a draw were known to be true, its best plan is a matter of notebook 6. There are thousands of draws, and the walk over
-# all histories takes them together:
+# If a draw were known to be true, its best plan is a matter of [notebook 06](06_plans_and_baselines.ipynb). There are
+# thousands of draws, and the walk over all histories takes them together:
 
 # %%
 own = own_plans(study)
@@ -98,15 +99,18 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# Event by event: how many of the draws agree, where fewest do, what being wrong costs there, and what the responses have told
-# of the draws so far (in bits; four thousand equally likely ones are twelve bits of doubt).
+# **How to read it.** The first decision is safe, and so are the late ones: with few rounds left, help pays for itself in
+# hardly any draw. In between, whether to help after the first responses is nearly a coin toss between draws. **What not to
+# conclude:** that a decision on which the draws agree is right. They share one model and one prior.
+#
+# Event by event: how many of the draws agree, where fewest do, what being wrong costs there, and what the responses have
+# told of the draws so far (in bits; four thousand equally likely ones are twelve bits of doubt).
 
 # %%
 stability.by_event.round(3)
 
 # %% [markdown]
-# The first decision is safe, and so are the late ones: with few rounds left, help pays for itself in hardly any draw. In
-# between, whether to help after the first responses is nearly a coin toss between draws, and being wrong is not cheap.
+# Where draws disagree, being wrong is not cheap; and one person's responses tell next to nothing of which draw is true.
 #
 # ## What do the usual shortcuts cost?
 #
@@ -125,8 +129,10 @@ shown = ["mean", "held_out_mean", "cvar", "gain_mean", "gain_cvar", "gain_probab
 prices.table.set_index("name")[shown].round(2)
 
 # %% [markdown]
-# The plan of the point estimate acts on tables that the data do not support, and pays for it. The tables' *means* do as well
-# as the full tree here: one person's nine rounds teach the robot next to nothing about the draw.
+# **How to read it.** The plan of the point estimate acts on tables that the data do not support, and pays for it. The
+# tables' *means* do as well as the full tree here, since so little is learned on the way. Diamonds on dots mean that
+# choosing and scoring on the same draws flattered nobody. **What not to conclude:** that the order of the plans in front
+# is one: look at the gains with their probabilities, not at ranks.
 
 # %%
 shown = {
@@ -135,15 +141,18 @@ shown = {
 }
 show(
     value_distributions(shown, draws.weight), "simulated",
-    "What is believed of each plan's value. Between the first curve and the second lies what doubt costs.",
+    "What is believed of each plan's value: the share of the draws in which it is worth at most so much.",
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** Between the first curve and the second lies what doubt costs. **What not to conclude:** that a person
+# may gain or lose so much. The spread is over *tables*; each point is already a mean over people.
+#
 # ## Caution
 #
-# A cautious analyst looks at the worst share $\alpha$ of the draws. The best plan may draw lots between plans. It is found by
-# column generation: mix the plans found so far, let the draws in which the mixture fares worst call for a better one, stop
-# when none is. Both bounds are recomputed outside the linear program.
+# A cautious analyst looks at the worst share $\alpha$ of the draws. The best plan may draw lots between plans. It is
+# found by column generation: mix the plans found so far, let the draws in which the mixture fares worst call for a better
+# one, stop when none is. Both bounds are recomputed outside the linear program.
 
 # %%
 levels = (1.0, 0.5, 0.25, 0.1, 0.05, 0.01)
@@ -154,13 +163,18 @@ for name, found in frontiers.items():
     print(f"{name}: {found.sentence} Largest gap {max(p.gap for p in found.plans):.1g}.")
 for flip in flip_points(study):
     print(flip.sentence)
+
+# %%
 show(
     caution(frontiers), "simulated",
-    "What caution gains in the tail and gives up on average. At contested costs, where the first decisions of both modes flip together, there is "
-    "something to decide; at the published ones hardly anything.",
+    "What caution gains in the tail and gives up on average. Contested costs are those where the first decisions of both "
+    "modes flip together.",
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** At contested costs there is something to decide, at the published ones hardly anything: a robot that
+# seldom acts has little to be cautious about. **What not to conclude:** that caution never pays; it depends on the costs.
+#
 # A mixture can be read: how often which plan.
 
 # %%
@@ -193,6 +207,10 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** How help moves people is worth most: it is what a plan that helps would bet on. Bars do not add up,
+# for blocks are known together. **What not to conclude:** that a study could deliver a block. None teaches one table
+# alone.
+#
 # And a real study is not perfect knowledge. Data of $n$ more people reweight the draws; simulate them many times:
 
 # %%
@@ -208,11 +226,15 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** Every line lies far below the dashed one: even hundreds of people more take away a minor part of what
+# doubt costs. Most is learned from people who are left alone, and where actions vary within a person. **What not to
+# conclude:** that data are worth no more than this. It is their worth for *this decision*, for one person served.
+#
 # ## Without an end
 #
-# The same doubt in the repeated interaction: every draw solved with its certificate. No tree of histories has an end there, so
-# plans are finite-state controllers, each valued in every draw by linear systems; the draws' upper bounds say what no policy
-# exceeds.
+# The same doubt in the repeated interaction: every draw solved with its certificate. No tree of histories has an end
+# there, so plans are finite-state controllers, each valued in every draw by linear systems; the draws' upper bounds say
+# what no policy exceeds.
 
 # %%
 batch = LatentBatch(draws.thin(60 if FAST else 400), alternating(draws.protocol))
@@ -224,8 +246,11 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# Which action do the draws prefer, over all beliefs that the robot may hold? Draws are solved from the corners of the simplex
-# too, for a solution is certified where it starts, and may be poor elsewhere.
+# **How to read it.** As over nine rounds, but doubt costs more: there is more time to be wrong in. Dots are means.
+# **What not to conclude:** that the first curve can be had. It knows each draw.
+#
+# Which action do the draws prefer, over all beliefs that the robot may hold? Draws are solved from the corners of the
+# simplex too, for a solution is certified where it starts, and may be poor elsewhere.
 
 # %%
 show(
@@ -234,6 +259,10 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** Each triangle is a face of the simplex of beliefs (as in the explorer of
+# [notebook 06](06_plans_and_baselines.ipynb), there for one truth). The dark line is where the draws split. **What not to
+# conclude:** that the pale corner is certain: a share of the draws is a share of *these* draws.
+#
 # And along the study's histories, each draw at its own belief, with the robot following the plan of the mean tables:
 
 # %%
@@ -244,16 +273,35 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** On signalling the draws agree at every history, on helping they are divided at most.
+# **What not to conclude:** that the two are equally important: what a divided decision costs is in the table above.
+#
 # ## Does it do better in truth?
 #
-# Draws are what we believe, not the truth. So: truths drawn from the prior, study 1 simulated in each, everything learned from
-# it, plans valued in the truth. This takes half an hour; here is what is stored.
+# Draws are what we believe, not the truth. So: truths drawn from the prior, study 1 simulated in each, everything learned
+# from it, plans valued in the truth. This takes half an hour; here is what is stored.
 
 # %%
 stored = read_evidence("plans_in_truth")
 print(stored.sentence if stored else "no evidence is stored: make evidence")
 
 # %% [markdown]
-# **What not to conclude.** That never helping is right: the default prior shrinks the effect of help (notebook 4), and 540
-# people leave the question open, which is what the value of information says. That caution never pays: it depends on the
-# costs. And all of it holds for the *model's* draws; if latent states are the wrong idea, none of these draws is true.
+# ## What to take along
+#
+# | question | where the answer stands |
+# |---|---|
+# | is this decision safe? | the share of the draws that agree, and what being wrong costs |
+# | which plan? | gains on held-out draws, in the mean and in the tail |
+# | is caution worth anything here? | what it gains in the tail against what it gives up |
+# | is another study worth it? | its expected worth against that of perfect knowledge |
+#
+# ## What not to conclude
+#
+# - That never helping is right: the default prior shrinks the effect of help
+#   ([notebook 04](04_how_sure_are_we.ipynb)), and 540 people leave the question open, which is what the value of
+#   information says.
+# - That doubt is covered. All of it is the doubt of *this model's* draws; if latent states are the wrong idea, none of
+#   these draws is true.
+# - That the plan in front is the one to build. Where several are worth the same, take the one that can be explained.
+#
+# Next: [the token game and study 2](08_the_token_game.ipynb): plans meet people who play.

@@ -13,12 +13,13 @@
 #
 # **The question.** On which numbers does the robot's plan hang, and what does it take, and cost, to let it near people?
 #
-# **The data.** The *simulated truth* of notebook 1, and the posterior of its tables after the *simulated* study of 540 people.
+# **The data.** The *simulated truth* of [notebook 01](01_the_model.ipynb), and the posterior of
+# [notebook 04](04_how_sure_are_we.ipynb), learned from the *simulated* study of 540 people.
 #
-# **The model.** In state $s$ the action $a$ brings $R(s, a) = e^{r x_s} - e^{r x_0} - C_a$ and moves people by $T(s' \mid s, a)$.
-# The numbers $r$, $x_s$, $C_a$ and the discount $\gamma$ are not learned from anybody: somebody has to choose them. A plan
-# $\pi$ is worth $V(\pi)$ and spends $C(\pi)$, and it *influences*: an action moves a share of the people in state $s$ to
-# another state than if they were left alone,
+# **The model.** In state $s$ the action $a$ brings $R(s, a) = e^{r x_s} - e^{r x_0} - C_a$ and moves people by $T(s' \mid
+# s, a)$. The numbers $r$, $x_s$, $C_a$ and the discount $\gamma$ are not learned from anybody: somebody has to choose
+# them. A plan $\pi$ is worth $V(\pi)$ and spends $C(\pi)$, and it *influences*: an action moves a share of the people in
+# state $s$ to another state than if they were left alone,
 #
 # $$TV(s, a) = \tfrac12 \sum_{s'} \bigl| T(s' \mid s, a) - T(s' \mid s, \text{null}) \bigr|.$$
 
@@ -37,7 +38,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.datasets import load, log_digest
-from analysis.figures.notebook import show
+from analysis.figures.notebook import panels, show
 from analysis.figures.reward_slider import show_slider, whole_grid
 from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
 from analysis.figures.sensitivity import critical_values
@@ -81,9 +82,10 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# With two steps and nothing after them a signal is never worth its cost, whatever the tables say: it works on the *next*
-# state, and there is none. That is a property of the question, not of people. The other two readings agree that steeper
-# rewards and cheaper actions make the robot act, and disagree about where that begins.
+# **How to read it.** Dark cells act. With two steps and nothing after them a signal is never worth its cost, whatever the
+# tables say: it works on the *next* state, and there is none. That is a property of the question, not of people. The
+# other two readings agree that steeper rewards and cheaper actions make the robot act, and disagree about where that
+# begins. **What not to conclude:** that any of the three is the paper's figure; its tables are not printed.
 #
 # A grid says between which of its points a decision flips. Where exactly is found by bisection, one number moving and all
 # others at the paper's values ($r$ = 0.06, both costs 15); numbers that flip nothing are left out. Without a horizon both
@@ -127,15 +129,17 @@ here = pd.DataFrame(learned.rows()).query("r == 0.06 and cost_help == 15 and cos
 here.set_index(["reading", "k"])[["action", "share", "verdict", "draws"]].round(2)
 
 # %% [markdown]
-# White and dark cells are knowledge, as far as the model goes. Crossed cells are a toss: another study of the same people
-# might have said the opposite. Helping is one exactly where the paper plans, at $r$ = 0.06 and a cost of 15; and most draws
-# would not signal even for free, because in them a signal does people no good. Critical values are not numbers then but
-# distributions, and some draws never flip:
+# **How to read it.** White and dark cells are knowledge, as far as the model goes. Crossed cells are a toss: another
+# study of the same people might have said the opposite. Helping is one exactly where the paper plans, at $r$ = 0.06 and a
+# cost of 15; and most draws would not signal even for free, because in them a signal does people no good. **What not to
+# conclude:** that such draws are right about signals: the data hardly speak of them.
+#
+# Critical values are not numbers then but distributions, and some draws never flip:
 
 # %%
 helping, signalling = ([learned.flips(reading, "r")[step] for reading in learned.maps] for step in (0, 1))
 show(
-    critical_values(helping), "simulated",
+    critical_values(helping, ax=panels(4.6, height=3.8)[0]), "simulated",
     "At which $r$ helping begins, both costs at 15, in 20 draws without a horizon and 80 in the other readings. Legend: share of "
     "the draws in which it never does.",
 )  # fmt: skip
@@ -143,11 +147,12 @@ for flips in signalling:
     print(f"{flips.reading}: {flips.sentence}")
 
 # %% [markdown]
+# **How to read it.** Where a curve is steep, doubt about the tables moves the border little; where it ends below 100%, some
+# draws never help at any $r$ looked at. **What not to conclude:** that the middle of a curve is *the* critical value.
+#
 # ### Move it yourself
 #
-# The truth in all three readings and 200 draws in one of them, worked out beforehand on a finer grid. Move $r$ in the truth:
-# the border of helping runs to the right, and that of signalling follows later, upwards. Then choose the posterior: where
-# there was a border there is a broad band of doubt.
+# The truth in all three readings and 200 draws in one of them, worked out beforehand on a finer grid:
 
 # %%
 steep = (0.001, 0.02, 0.03, *(k / 1000 for k in range(35, 101, 5)))
@@ -164,6 +169,10 @@ show_slider(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** Raise $r$ in the truth: the border of helping runs to the right, and that of signalling follows later,
+# upwards. Then choose the posterior: where there was a border there is a broad band of doubt. **What not to conclude:** that
+# the band would narrow on a finer grid. It is doubt about people, not about arithmetic.
+#
 # ### The paper's three findings
 #
 # *Dominant*, *more likely*, *sensitive* are words; each was given a measure before it was looked at
@@ -215,16 +224,17 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# Any two plans on the line can be mixed, and what is mixed lies on the line between them: the curve is concave, from the plan
-# that spends nothing to the best plan there is. Budgets cannot be mixed so. With 10 units nobody can be helped two thirds of
-# the way, and with 15 somebody can:
+# **How to read it.** Any two plans on the line can be mixed, and what is mixed lies on the line between them: the curve
+# is concave, from the plan that spends nothing to the best plan there is. Budgets cannot be mixed so. With 10 units
+# nobody can be helped two thirds of the way, and with 15 somebody can:
 
 # %%
 limited.budgets.table.query("budget <= 45").set_index("budget").round(3)
 
 # %% [markdown]
 # So `gain_per_unit` goes up as well as down, and a budget that stops just short of an act of help is mostly wasted. The
-# price of certainty is the distance from a square up to the line.
+# price of certainty is the distance from a square up to the line. **What not to conclude:** that a plan on the line keeps to
+# its limit with everybody: it does so on average.
 #
 # ## Least influence, and only when sure
 #
@@ -249,25 +259,36 @@ study.report.table.set_index(["policy", "safeguards"])[columns].loc[list(study.d
 # %%
 for told in study.sentences[-2:]:
     print(told)
+drawn = stricter([study.tolerance, study.threshold])
+drawn.figure.set_size_inches(7.2, 4.8)
 show(
-    stricter([study.tolerance, study.threshold]), "simulated",
+    drawn, "simulated",
     "The Bayes-adaptive plan under safeguards made stricter. Exact steps: between two of them no decision changes.",
 )  # fmt: skip
 
+# %% [markdown]
+# **How to read it.** To the right safeguards are stricter: value is lost in few steps, and people are moved less in the same
+# ones. **What not to conclude:** that a step is the place to stop at. It says what is exchanged for what. And who is it that
+# is moved?
+
 # %%
+drawn = who_is_influenced(study.report, (study.best, "reactive"), (NONE, "influence"))
+drawn.figure.set_size_inches(9.4, 3.4)
 show(
-    who_is_influenced(study.report, (study.best, "reactive"), (NONE, "influence")), "simulated",
+    drawn, "simulated",
     "How many times a person is moved, by the state they start in and their first response; bars span nine tenths of the draws.",
 )  # fmt: skip
 
 # %% [markdown]
-# Influence is not spread evenly. The plan moves those most who refuse first, because it is on them that help seems to pay; the
-# reactive rule moves those who help, since it answers in kind. Either may be what is wanted, but somebody should have looked.
+# **How to read it.** Influence is not spread evenly. The plan moves those most who refuse first, because it is on them
+# that help seems to pay; the reactive rule moves those who help, since it answers in kind. **What not to conclude:** that
+# either is wrong. It may be what is wanted, but somebody should have looked.
 #
 # ## The robot's side
 #
-# A robot gets a file: the paper's policy for the mean tables, three safeguards with mild settings, and the declared fallback.
-# Reading and running it needs numpy and nothing else. The clock is made up, so that this page comes out the same every time.
+# A robot gets a file: the paper's policy for the mean tables, three safeguards with mild settings, and the declared
+# fallback. Reading and running it needs numpy and nothing else. The clock is made up, so that this page comes out the
+# same every time.
 
 # %%
 folder, ticks = tempfile.TemporaryDirectory(), count()
@@ -305,8 +326,8 @@ print(session.act("robot_needs_help").explanation)
 session.observe("help")
 
 # %% [markdown]
-# And the person has had enough. What was believed is deleted, the fallback looks at the mode and nothing else, and the log no
-# longer takes down what the person does:
+# And the person has had enough. What was believed is deleted, the fallback looks at the mode and nothing else, and the
+# log no longer takes down what the person does:
 
 # %%
 session.withdraw()
@@ -324,8 +345,8 @@ for line in log.read_text().splitlines()[-5:]:
 # %% [markdown]
 # ### Can the log be trusted?
 #
-# Every line is sealed with $h_n = \text{SHA-256}(h_{n-1} \,\|\, \text{line})$, and since the first line holds the policy, every
-# decision can be made again (`prosocial audit verify` does the same):
+# Every line is sealed with $h_n = \text{SHA-256}(h_{n-1} \,\|\, \text{line})$, and since the first line holds the policy,
+# every decision can be made again (`prosocial audit verify` does the same):
 
 # %%
 print(verify(log, kept).sentence)
@@ -367,9 +388,23 @@ folder.cleanup()
 # %% [markdown]
 # And nothing at all shows that what the robot was *told* is what the person did, or that every person has a log.
 #
-# **What not to conclude.** That the critical values are facts about people: they are facts about tables that this project made
-# up, or learned from people that it simulated, and about a reward that nobody measured. That a map without crosses is
-# certain: draws agree within the model, and share its mistakes; the choice of states, prior and scores is another doubt
-# (`prosocial sensitivity` and the report go through them). That the settings above are recommendations: a budget, a
-# tolerance and a threshold are for those who answer for the robot. That a small influence is a harmless one: total variation
-# counts how many are moved, not whether they would have agreed. And that a robot with an honest log is an honest robot.
+# ## What to take along
+#
+# | question | where the answer stands |
+# |---|---|
+# | on which numbers does the plan hang? | critical values, in each reading of "the plan" |
+# | how sure is a map? | the share of the draws, crossed where it is a toss |
+# | what does a limit cost? | the line for limits on average, the squares for hard ones |
+# | what did the robot do, and why? | the log, checked against a last hash that somebody else keeps |
+#
+# ## What not to conclude
+#
+# - That the critical values are facts about people: they are facts about tables that this project made up, or learned from
+#   people that it simulated, and about a reward that nobody measured.
+# - That a map without crosses is certain: draws agree within the model, and share its mistakes; the choice of states, prior
+#   and scores is another doubt (`prosocial sensitivity` and the report go through them).
+# - That the settings above are recommendations: a budget, a tolerance and a threshold are for those who answer for the robot.
+# - That a small influence is a harmless one: total variation counts how many are moved, not whether they would have agreed.
+# - That a robot with an honest log is an honest robot.
+#
+# Next: [your own study, from your own file to a decision](10_your_own_study.ipynb).

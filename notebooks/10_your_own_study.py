@@ -15,11 +15,12 @@
 # recorded. What should your robot do with the next person, how sure is that, and is another study worth its money?
 #
 # **The data.** An export as a browser experiment gives it, of 240 warehouse pickers and a delivery robot. It is *simulated*:
-# nobody took part, and the two cells under "The file" that play nature are the ones to delete when you have a file of your
-# own. Everything after them is what you would do.
+# nobody took part, and the cell under "The file" that plays nature is the one to delete when you have a file of your own.
+# Everything after it is what you would do.
 #
-# **The model.** That of the other notebooks, with another protocol. In round $k$ it is known who needs help; the robot does
-# $a_k$; where it is the one in need, the person responds; and only then the person's hidden state moves:
+# **The model.** That of [notebook 01](01_the_model.ipynb), with another protocol. In round $k$ it is known who needs
+# help; the robot does $a_k$; where it is the one in need, the person responds; and only then the person's hidden state
+# moves:
 #
 # $$o_k \sim O(\cdot \mid s_k, a_k), \qquad s_{k+1} \sim T(\cdot \mid s_k, a_k), \qquad R(s, a) = v_s - v_0 - C_a.$$
 #
@@ -42,6 +43,7 @@ import pandas as pd
 from analysis.comparison import CRITERIA, CompareSettings, compare
 from analysis.datasets import load, log_digest
 from analysis.event_files import write_events
+from analysis.event_import import import_events, key_text
 from analysis.figures.comparison import elpd_differences
 from analysis.figures.contraction import contraction_dots
 from analysis.figures.effects import contrast_by_state
@@ -51,19 +53,19 @@ from analysis.figures.notebook import panels, show
 from analysis.figures.responses import rate_by_round, rate_heat_map
 from analysis.figures.robust import plan_comparison, stability_tree
 from analysis.fits import stored_fit
-from analysis.game_calibration import state_scores
-from analysis.osf_import import import_events, key_text
 from analysis.participant_flow import dropout_after_response, flow_table, still_going
 from analysis.report.analysis_plan import read_analysis_plan
 from analysis.report.build import build_report
 from analysis.report.compare import compare_report
 from analysis.report.registry import SECTIONS
 from analysis.response_rates import response_rates
+from analysis.state_scores import state_scores
+from analysis.stated_reward import Measured
 from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
+from analysis.warehouse import ARMS, pickers, raw_export, warehouse_truth
 from models.baum_welch import BaumWelch
-from models.events import EventLog, EventLogError
+from models.events import EventLogError
 from models.identification import identification
-from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.nuts import NutsSettings
 from models.planning.baselines import always, never
@@ -82,7 +84,6 @@ from models.robust.pricing import price
 from models.robust.sample_information import sample_information
 from models.robust.stability import decision_stability
 from models.robust.study_design import Arm, NextStudy
-from models.simulation import simulate_responses
 from models.smc import SmcSettings
 
 kept = tempfile.TemporaryDirectory()  # files of this notebook, gone when it ends; yours lie where you put them
@@ -91,10 +92,10 @@ folder = Path(kept.name)
 # %% [markdown]
 # ## The protocol: what can happen in a round
 #
-# The first thing to write down is not about data. Who may be in need, what can the robot do then, what can people answer, and
-# what does each action cost? Here the robot sometimes passes a picker with a heavy box (letter `P`) and may *carry* it; and
-# sometimes it is stuck (`S`) and may *wait*, *ask* for a push, or ask and *thank* for it. Costs are in points, the study's own
-# unit: what the robot could have collected in the time.
+# The first thing to write down is not about data. Who may be in need, what can the robot do then, what can people answer,
+# and what does each action cost? Here the robot sometimes passes a picker with a heavy box (letter `P`) and may *carry*
+# it; and sometimes it is stuck (`S`) and may *wait*, *ask* for a push, or ask and *thank* for it. Costs are in points,
+# the study's own unit: what the robot could have collected in the time.
 
 # %%
 PROTOCOL = """
@@ -122,68 +123,16 @@ protocol = Protocol.from_toml(folder / "protocol.toml")
 # %% [markdown]
 # ## The file
 #
-# **Nature, part one.** Three kinds of people, whom carrying and thanking make more willing and asking wears out. Six arms:
-# within a person the robot always does the same in a mode, as in most such experiments. Eight rounds, in one of two orders.
-
-# %%
-truth = LatentStatePOMDP(
-    initial=[0.35, 0.40, 0.25],
-    transition=[
-        [[0.94, 0.06, 0.00], [0.16, 0.80, 0.04], [0.02, 0.14, 0.84]],  # pass
-        [[0.70, 0.28, 0.02], [0.04, 0.76, 0.20], [0.00, 0.05, 0.95]],  # carry
-        [[0.95, 0.05, 0.00], [0.08, 0.87, 0.05], [0.00, 0.09, 0.91]],  # wait
-        [[0.96, 0.04, 0.00], [0.22, 0.75, 0.03], [0.02, 0.23, 0.75]],  # ask
-        [[0.86, 0.14, 0.00], [0.04, 0.82, 0.14], [0.00, 0.04, 0.96]],  # thank
-    ],
-    emission=[
-        [[0.95, 0.05], [0.55, 0.45], [0.15, 0.85]],  # wait
-        [[0.80, 0.20], [0.30, 0.70], [0.08, 0.92]],  # ask
-        [[0.90, 0.10], [0.42, 0.58], [0.08, 0.92]],  # thank
-    ],
-    protocol=protocol,
-)
-ARMS = [(reach, stuck) for reach in ("pass", "carry") for stuck in ("wait", "ask", "thank")]
-
-
-def event(person, k, letter):
-    mode, action = (
-        ("picker_in_need", ARMS[person % 6][0]) if letter == "P" else ("robot_stuck", ARMS[person % 6][1])
-    )
-    seen = "push" if letter == "S" else "none"
-    return ("SIMULATED", person, "+".join(ARMS[person % 6]), 0, k, mode, action, seen)
-
-
-def simulated(people, rng):
-    letters = ["SPSSPPSS" if first else "PSSPSSPS" for first in rng.random(people) < 0.5]
-    rows = [event(n, k, letter) for n in range(people) for k, letter in enumerate(letters[n])]
-    names = ["study", "participant", "condition", "sequence", "k", "mode", "action", "observation"]
-    return simulate_responses(truth, EventLog.from_frame(pd.DataFrame(rows, columns=names), protocol), rng)[0]
-
-
-# %% [markdown]
-# **Nature, part two.** What the export makes of it: codes instead of names, one row for *every* round of everybody, empty after
-# a person has closed the tab, a few answers lost, and two rounds sent twice because somebody reloaded the page. A push lets the
-# team go on collecting, which is some 30 points.
+# **Nature.** Three kinds of people, whom carrying and thanking make more willing and asking wears out (the tables are in
+# `analysis/warehouse.py`). Six arms: within a person the robot always does the same in a mode, as in most such experiments.
+# Eight rounds, in one of two orders. The export has codes instead of names and one row for *every* round of everybody, empty
+# after a person has closed the tab; a few answers are lost, and two rounds were sent twice because somebody reloaded the
+# page. A push lets the team go on collecting, which is some 30 points.
 
 # %%
 rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(10,)))
-nature = simulated(240, rng).to_frame().astype({"condition": str, "mode": str, "action": str, "observation": str})
-codes = np.array(["".join(rng.choice(list("abcdefghjkmnpqrstuvwxyz23456789"), 8)) for _ in range(240)])
-arm, turns = nature["condition"].str.split("+", expand=True), {"picker_in_need": "SHELF", "robot_stuck": "STUCK"}
-raw = pd.DataFrame({
-    "participant.code": codes[nature["participant"]],
-    "session.config.arm_shelf": arm[0].str.upper(), "session.config.arm_stuck": arm[1].str.upper(),
-    "subsession.round_number": nature["k"] + 1,
-    "player.turn": nature["mode"].map(turns),
-    "player.bot_did": nature["action"].str.upper(),
-    "player.clicked": nature["observation"].map({"push": "1", "drive_on": "0", "none": ""}),
-    "player.points": rng.poisson(20 + 30 * (nature["observation"] == "push")),
-    "player.rt_ms": rng.integers(400, 9000, len(nature)),
-}).astype(str)  # fmt: skip
-left_at = np.minimum(2 + rng.geometric(0.03, 240), 8)[nature["participant"]]
-raw.loc[nature["k"] >= left_at, ["player.bot_did", "player.clicked", "player.points", "player.rt_ms"]] = ""
-raw.loc[rng.random(len(raw)) < 0.03, "player.clicked"] = ""
-raw = raw.loc[np.sort(np.append(raw.index, [11, 500]))]
+truth = warehouse_truth(protocol)
+raw = raw_export(pickers(truth, 240, rng), rng)
 raw.to_csv(folder / "all_apps_wide_export.csv", index=False)
 raw.head(6)
 
@@ -239,9 +188,9 @@ except EventLogError as error:
     print(*error.problems[:3], sep="\n")
 
 # %% [markdown]
-# Line, column, what was found and what was wanted. These rounds were never played, by people who had left: the export writes a
-# row for them, the event log must not. An event that nobody lived through is no event, and no missing response either. Mend the
-# file by a rule that you can write into the paper, and count what it takes away.
+# Line, column, what was found and what was wanted. These rounds were never played, by people who had left: the export
+# writes a row for them, the event log must not. An event that nobody lived through is no event, and no missing response
+# either. Mend the file by a rule that you can write into the paper, and count what it takes away.
 
 # %%
 played = raw[raw["player.bot_did"] != ""]
@@ -253,8 +202,8 @@ except EventLogError as error:
     print(*error.problems, sep="\n")
 
 # %% [markdown]
-# Two rounds were sent twice. The two copies are equal in every column, so one of each goes; had they differed, somebody would
-# have to decide which of them was lived through.
+# Two rounds were sent twice. The two copies are equal in every column, so one of each goes; had they differed, somebody
+# would have to decide which of them was lived through.
 
 # %%
 once = played.drop_duplicates()
@@ -275,8 +224,8 @@ with chdir(folder):
 # prosocial data check study.csv.gz --protocol protocol.toml
 # ```
 #
-# Reading the event file *is* the check. A file does not say whether its people exist; say it, and every figure and report says
-# it too.
+# Reading the event file *is* the check. A file does not say whether its people exist; say it, and every figure and report
+# says it too.
 
 # %%
 with chdir(folder):
@@ -304,7 +253,7 @@ cells = response_rates(log, {"box": arm_of[0].to_numpy(), "when stuck": arm_of[1
 cells.round(3)
 
 # %%
-left, middle, right = panels(4.3, 3.1, 2.7, height=2.8)
+left, middle, right = panels(4.3, 3.1, 2.7, height=3.3)
 plot_still_going(still_going(log), ax=left)
 order = {"row_order": ["PASS", "CARRY"], "column_order": ["WAIT", "ASK", "THANK"]}
 rate_heat_map(cells, rows="box", columns="when stuck", limits=(0, 1), **order, ax=middle)
@@ -316,17 +265,20 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# **How to read it.** Leaving is the first threat to everything below. The model treats what is missing as missing at random
-# *given the history*: people may leave after refusing, but not because of a mood that left no trace. Compare arms too: a robot
-# that drives people away looks good to those who stay.
+# **How to read it.** Carrying raises pushes in every column; of what the robot does when stuck less can be said. Leaving
+# is the first threat to everything below. The model treats what is missing as missing at random *given the history*:
+# people may leave after refusing, but not because of a mood that left no trace. Compare arms too: a robot that drives
+# people away looks good to those who stay. **What not to conclude:** that a flat line by round means that nobody changes.
+# Arms are mixed in it.
 #
-# Arms were assigned by chance, so differences between them are effects, and no model has to be believed for that. They answer
-# one question only: what does *always the same* do? What to do with somebody who has just refused is a question about changes
-# within people, and needs the model.
+# Arms were assigned by chance, so differences between them are effects, and no model has to be believed for that. They
+# answer one question only: what does *always the same* do? What to do with somebody who has just refused is a question
+# about changes within people, and needs the model.
 #
 # ## How many states?
 #
-# The criteria of notebooks 3 and 4 in one table: the models predict *people* whom they have not seen.
+# What [notebook 03](03_baum_welch_and_its_traps.ipynb) left open, decided by prediction: of *people* whom the models have
+# not seen.
 
 # %%
 sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(seed=SEED)
@@ -342,6 +294,7 @@ def learn(k, held, people):
     return stored_fit(log, digest, k, pins=held, people=people, sampler=sampler).posterior
 
 
+# %%
 compared = compare(log, (2,) if FAST else (2, 3), settings=settings, learn=learn)
 print(compared.sentence)
 for warning in compared.warnings:
@@ -357,17 +310,18 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# **How to read it.** Nature made *three* states and the criteria take two: 240 people with at most five responses each do not
-# tell a middle state from a mixture of the others. That is no fault. The number of states is how fine a picture the data can
-# carry, not a fact about people.
+# **How to read it.** Nature made *three* states and the criteria take two: 240 people with at most five responses each do
+# not tell a middle state from a mixture of the others. That is no fault. The number of states is how fine a picture the
+# data can carry, not a fact about people.
 #
-# Take the second half of the sentence as seriously as the first. *Two types* of people, who differ and never change, do nearly
-# as well by these criteria. What speaks against types here is not a criterion, it is the design: types cannot explain why people
-# push more often for a robot that carries, and the arms show that they do. A study without such arms would have to leave it open.
+# Take the second half of the sentence as seriously as the first. *Two types* of people, who differ and never change, do
+# nearly as well by these criteria. What speaks against types here is not a criterion, it is the design: types cannot
+# explain why people push more often for a robot that carries, and the arms show that they do. A study without such arms
+# would have to leave it open.
 #
-# And do not wave the warning away. The chains of *2 types* disagree about which of the two is which under *ask*, and they are
-# right to: nobody was both asked and left waiting, so nothing in the file says that the willing type of one arm is that of
-# another. States are tied together a little better, since all arms share the tables of *pass* and *carry*.
+# And do not wave the warning away. The chains of *2 types* disagree about which of the two is which under *ask*, and they
+# are right to: nobody was both asked and left waiting, so nothing in the file says that the willing type of one arm is
+# that of another. States are tied together a little better, since all arms share the tables of *pass* and *carry*.
 #
 # ## The posterior, and its gate
 
@@ -382,14 +336,17 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# A gate that is shut is a stop sign, not a blemish: do not plan with such draws. Take more draws, fewer states, or both.
+# **How to read it.** Here the data speak on nearly every entry; with the published design and four states hardly any did
+# ([notebook 04](04_how_sure_are_we.ipynb)). A gate that is shut is a stop sign, not a blemish: do not plan with such
+# draws. Take more draws, fewer states, or both. **What not to conclude:** that a table far from its prior is right. It is
+# what *this model* takes from the data.
 #
 # What one action changes, against leaving people alone in the same mode, at the next response:
 
 # %%
 changes = contrasts(posterior)
 drawn = [changes.table[changes.table["action"] == action] for action in ("carry", "ask", "thank")]
-for ax, table in zip(panels(3.5, 3.5, 3.5, height=2.3), drawn, strict=True):
+for ax, table in zip(panels(4.1, 4.1, 4.1, height=2.4), drawn, strict=True):
     contrast_by_state(
         table, scale=changes.scale, unit="percentage points", title=table["action"].iloc[0], limits=(-25, 35), ax=ax
     )
@@ -399,6 +356,9 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
+# **How to read it.** Carrying moves people up, above all those who were not willing; what asking and thanking do to the
+# *next* round is hardly told apart from nothing. **What not to conclude:** that they do nothing.
+#
 # ## What this study cannot say
 #
 # No posterior says where it rests on the model rather than on data. The design does:
@@ -408,18 +368,18 @@ fit = BaumWelch(2, restarts=30 if FAST else 100, seed=SEED).fit(log)
 print(*identification(fit, log).sentences(), sep="\n")
 
 # %% [markdown]
-# The sentence on constant actions is the one to remember. In this file nobody was asked in one round and thanked in the next. A
-# plan that does so is worth what the *model* says of it.
+# The sentence on constant actions is the one to remember. In this file nobody was asked in one round and thanked in the
+# next. A plan that does so is worth what the *model* says of it.
 #
 # ## What is a round worth?
 #
-# As the paper has it: the mean points of the team, rounds weighted by how probable each state was in them. `Reward.of_values`
-# takes any unit, so long as it is that of the costs.
+# As the paper has it: the mean points of the team, rounds weighted by how probable each state was in them.
+# `Reward.of_values` takes any unit, so long as it is that of the costs.
 
 # %%
 worth = state_scores(fit.model, log)
 names = ("reluctant", "willing")
-draws = replace(posterior.draws(), state_names=names, reward=Reward.of_values(worth))
+draws = replace(posterior.draws(), state_names=names, reward=Reward.of_values(worth, unit="points"))
 if FAST:
     draws = draws.thin(200)
 print({name: f"{points:.1f} points a round" for name, points in zip(names, worth, strict=True)}, protocol.costs)
@@ -428,22 +388,28 @@ print({name: f"{points:.1f} points a round" for name, points in zip(names, worth
 # ## A plan for the next person, under doubt
 #
 # Eight rounds, `PSSPSSPS`. Every draw of the posterior has its own best plan; one plan is best on average over all of them
-# (notebook 7). Reward units are points here.
+# ([notebook 07](07_robust_planning.ipynb)). Reward units are points here.
 
 # %%
 study = Schedule.of(draws, "PSSPSSPS")
 best_of_each = own_plans(study)
 plan = solve_schedule(study)
 stability = decision_stability(study, plan)
-print(
-    f"{draws.n_draws} draws, {len(best_of_each.plans)} different plans; the most common is best for {best_of_each.shares[0]:.0%}."
-)
+share = best_of_each.shares[0]
+print(f"{draws.n_draws} draws, {len(best_of_each.plans)} plans; the most common is best for {share:.0%}.")
 print("Best on average:", " · ".join(acting_words(study, plan.decisions)))
 print(stability.sentence)
+
+# %%
 show(
     stability_tree(stability), own.card.kind,
     "Every decision of that plan, and the share of the draws that agree. Pushes upwards; bold frames act.",
 )  # fmt: skip
+
+# %% [markdown]
+# **How to read it.** The first decisions are shared by most draws; later ones, where two actions differ by little, by
+# half of them. **What not to conclude:** that a decision with a share near one half is a bad one. Between such actions
+# little is lost.
 
 # %%
 estimate = replace(fit.model, state_names=names, reward=draws.reward)
@@ -456,9 +422,9 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# **How to read it.** Look at the plans in front, not at the one in front. Where several lie within a fraction of a point, take
-# the one that you can explain to the people who will meet it. Here is what they do, and where the first decisions would flip
-# were costs different (this matters, since costs are yours and no data stand behind them):
+# **How to read it.** Look at the plans in front, not at the one in front. Where several lie within a fraction of a point,
+# take the one that you can explain to the people who will meet it. Here is what they do, and where the first decisions
+# would flip were costs different (this matters, since costs are yours and no data stand behind them):
 
 # %%
 for name in ("Bayes-adaptive", "plug-in estimate", "fixed sequence"):
@@ -472,8 +438,8 @@ for flip in flip_points(study):
 # %% [markdown]
 # ## Is another study worth it?
 #
-# Two that could be run next, of six rounds each: the same six arms again, or a robot that draws its action anew in every round.
-# Suppose a thousand people will meet the robot afterwards, and a participant costs what 10 points are worth.
+# Two that could be run next, of six rounds each: the same six arms again, or a robot that draws its action anew in every
+# round. Suppose a thousand people will meet the robot afterwards, and a participant costs what 10 points are worth.
 
 # %%
 perfect = perfect_information(study, chains=chains)
@@ -483,6 +449,8 @@ nexts = [
     NextStudy.of_arms("the same six arms", again),
     NextStudy.of_arms("actions drawn in every round", [Arm.random(protocol, "PSSPSS")]),
 ]
+
+# %%
 data_worth = sample_information(
     study, nexts, (60, 120) if FAST else (60, 120, 240, 480), replicates=10 if FAST else 60, seed=SEED, perfect=perfect,
     served=1000, cost=10,
@@ -496,12 +464,12 @@ show(
 )  # fmt: skip
 
 # %% [markdown]
-# **How to read it.** A participant for whom actions vary teaches more than one for whom they never do. Bands reach down to what
-# is left on draws that did not choose the plan; hollow points say that the draws are too few to tell.
+# **How to read it.** A participant for whom actions vary teaches more than one for whom they never do. Bands reach down
+# to what is left on draws that did not choose the plan; hollow points say that the draws are too few to tell.
 #
-# **What not to conclude.** That data are worth no more than this: it is their worth *for this decision*, *within this model*.
-# Whether actions that vary within a person do what the model says is a reason of its own to run the second kind of study, and no
-# sum of points counts it.
+# **What not to conclude:** that data are worth no more than this. It is their worth *for this decision*, *within this
+# model*. Whether actions that vary within a person do what the model says is a reason of its own to run the second kind
+# of study, and no sum of points counts it.
 #
 # ## The report of this study
 #
@@ -521,7 +489,7 @@ brief = [entry for entry in SECTIONS if entry.key in ("provenance", "study", "fl
 with chdir(folder):
     report = build_report(
         own, states="2" if FAST else "2,3", seed=SEED, quick=True, out="report", plan=read_analysis_plan("plan.toml"),
-        parts=not FAST, sections=brief if FAST else SECTIONS,
+        parts=not FAST, reward=Measured(unit="points"), schedule="PSSPSSPS", sections=brief if FAST else SECTIONS,
     )  # fmt: skip
 print("made:", ", ".join(section.title for section in report.sections if not section.omitted))
 for section in report.sections:
@@ -529,19 +497,23 @@ for section in report.sections:
         print(f"left out: {section.title}: {section.omitted}")
 
 # %% [markdown]
-# What is left out is left out for a reason that is printed: sections that need the paper's own actions and reward have nothing
-# to say on boxes and pushes, and quick reports skip what takes minutes. For yourself: no `quick`, and
-# `prosocial report --data study.csv.gz --protocol protocol.toml --plan plan.toml --run-length fixed`.
+# What is left out is left out for a reason that is printed: the paper's own studies and game have nothing to say on boxes
+# and pushes, and quick reports skip what takes minutes. Plans are in it because a round has a worth here, the measured one
+# of above. For yourself: no `quick`, and
+#
+# ```sh
+# prosocial report --data study.csv.gz --protocol protocol.toml --plan plan.toml --run-length fixed \
+#     --values measured --unit points --schedule PSSPSSPS
+# ```
 #
 # ## Does another study say the same?
 #
 # A second site, 120 *simulated* people, the same arms. (Nature once more: the same truth, so nothing should differ.)
 
 # %%
+elsewhere = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(11,)))
 with chdir(folder):
-    write_events(
-        simulated(120, np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(11,)))), "second_site.csv.gz"
-    )
+    write_events(pickers(truth, 120, elsewhere), "second_site.csv.gz")
     sides = compare_report(
         "study.csv.gz", "second_site.csv.gz", protocol=protocol, states="2", schedule="PSSPSSPS", seed=SEED, quick=True,
         out="report", parts=False,
@@ -556,11 +528,11 @@ for section in sides.sections:
 #
 # ## What nature would say
 #
-# This cell you will not have. The plans, made from an export of 240 people and with two states instead of three, are valued in
-# the truth that made the people:
+# This cell you will not have. The plans, made from an export of 240 people and with two states instead of three, are
+# valued in the truth that made the people:
 
 # %%
-true_reward = Reward.of_values(state_scores(truth, log))
+true_reward = Reward.of_values(state_scores(truth, log), unit="points")
 true_study = Schedule.of(ModelDraws.from_models([replace(truth, reward=true_reward)]), "PSSPSSPS")
 ours = PlanPolicy.of(plan, "our plan", left="follow")
 made = {
@@ -570,7 +542,7 @@ made["best plan, were the truth known"] = solve_schedule(true_study).value
 pd.Series(made).rename("points a person, in truth").round(2).to_frame()
 
 # %% [markdown]
-# ## What to take along, and what not to conclude
+# ## What to take along
 #
 # | before you | look at |
 # |---|---|
@@ -581,7 +553,13 @@ pd.Series(made).rename("points a person, in truth").round(2).to_frame()
 # | believe a plan | how many draws agree, and what the next best plans lose |
 # | pay for more data | what they would be worth for the decision at hand |
 #
-# **What not to conclude.** Anything about pickers: there were none. That the plan in front is *right*: costs and what a round is
-# worth were put in by hand, and within a person the robot never changed what it did. That people come in two kinds, because two
-# states predicted best. That a state is a trait, or a mood, or anything that somebody could be told about themselves. And that a
-# robot *should* do what moves people most: whoever is carried for in order to push more has a right to know it.
+# ## What not to conclude
+#
+# - Anything about pickers: there were none.
+# - That the plan in front is *right*: costs and what a round is worth were put in by hand, and within a person the robot never
+#   changed what it did.
+# - That people come in two kinds, because two states predicted best; or that a state is a trait, a mood, or anything that
+#   somebody could be told about themselves.
+# - That a robot *should* do what moves people most: whoever is carried for in order to push more has a right to know it.
+#
+# This is the last of ten. Next: your own file; and where a step is unclear, [the model](01_the_model.ipynb) again.

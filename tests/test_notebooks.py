@@ -1,5 +1,6 @@
 """Notebooks: what is stored is up to date, clean and small, and the runner refuses what it should."""
 
+import ast
 import re
 
 import nbformat
@@ -8,6 +9,7 @@ import pytest
 from analysis import notebooks
 
 LARGEST, LARGEST_MEAN = 1_000_000, 667_000
+LONGEST_CELL = 12
 # Put together from pieces, so that this file does not hold what it looks for.
 HOSTS = [r"\.".join(parts) for parts in (("pypi", "org"), ("python" + "hosted", "org"), ("anaconda", "org"))]
 MACHINE = re.compile("|".join([*HOSTS, *(rf"(?<![\w.~])/{f}/" for f in ("work", "root", "home", "Users", "tmp"))]))
@@ -79,11 +81,104 @@ def test_sizes():
     assert sum(sizes) < LARGEST_MEAN * len(sizes)
 
 
+def code_of(script):
+    return [c.source for c in notebooks.read_script(script).cells if c.cell_type == "code"]
+
+
+def prose_of(script):
+    return [c.source for c in notebooks.read_script(script).cells if c.cell_type == "markdown"]
+
+
+def lines_of_work(source):
+    """Lines of code, without those that import, that are blank or a comment, or that continue a text."""
+    skipped = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            skipped |= set(range(node.lineno, node.end_lineno + 1))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "\n" in node.value:
+            skipped |= set(range(node.lineno + 1, node.end_lineno + 1))
+    lines = enumerate(source.split("\n"), start=1)
+    return sum(n not in skipped and line.strip() != "" and not line.strip().startswith("#") for n, line in lines)
+
+
+def test_lines_of_work_are_counted():
+    assert lines_of_work('import a\nfrom b import (\n    c,\n)\nx = """\n1\n2\n"""\n\n# why\ny = 1\n') == 2
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
-def test_no_long_functions_in_notebooks(script):
+def test_cells_are_short(script):
+    for source in code_of(script):
+        assert lines_of_work(source) <= LONGEST_CELL, source
+        assert not re.search(r"^ *def .*(\n +.*){6,}", source, flags=re.MULTILINE)
+
+
+# -- one book --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_every_notebook_is_an_essay_of_the_same_shape(script):
+    first, *_, last = prose_of(script)
+    heads = [first.index(f"\n**The {part}.** ") for part in ("question", "data", "model")]
+    assert heads == sorted(heads)
+    assert "$$" in first[heads[-1] :]
+    before, end = re.split(r"^## ", last, flags=re.MULTILINE)[-2:]
+    assert before.startswith("What to take along\n")
+    assert before.count("\n| ") >= 4
+    assert end.startswith("What not to conclude\n")
+    assert end.count("\n- ") >= 2
+    following = NAMES[(NAMES.index(script.stem) + 1) % len(NAMES)]
+    assert re.search(rf"Next: .*\]\({following}\.ipynb\)", end.split("\n\n")[-1], flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_figures_are_followed_by_how_to_read_them(script):
+    """After a figure, before the next heading, somebody says how to read it and what not to conclude."""
+    waiting = None
     for cell in notebooks.read_script(script).cells:
         if cell.cell_type == "code":
-            assert not re.search(r"^ *def .*(\n +.*){6,}", cell.source, flags=re.MULTILINE)
+            waiting = cell.source if re.search(r"\bshow(_\w+)?\(", cell.source) else waiting
+        elif waiting is not None:
+            before = re.split(r"^#+ ", cell.source, flags=re.MULTILINE)[0]
+            if "**How to read" in before:
+                waiting = None
+            else:
+                assert before == cell.source, waiting  # a heading before any reading
+    assert waiting is None
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=NAMES)
+def test_other_notebooks_are_named_alike_and_are_there(script):
+    for text in prose_of(script):
+        for target in re.findall(r"\]\(([\w./]+)\.ipynb\)", text):
+            assert target in NAMES
+        assert not re.search(r"[Nn]otebook \d\b", text)
+    for before, number, after in re.findall(r"(\[?)[Nn]otebook (\d\d)(\]?)", "\n".join(prose_of(script))):
+        assert any(name.startswith(number) for name in NAMES)
+        assert (before, after) == ("[", "]")
+
+
+def test_the_contents_list_every_notebook_with_its_title():
+    contents = (notebooks.FOLDER / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| \[(.+)\]\((\w+)\.ipynb\) \| .+ \| [\d.]+ (?:s|min) \| [\d.]+ s \|$", contents, re.MULTILINE
+    )
+    assert [stem for _, stem in rows] == NAMES
+    for (words, _), script in zip(rows, SCRIPTS, strict=True):
+        (title,) = re.findall(r"^# (.+)$", prose_of(script)[0], flags=re.MULTILINE)[:1]
+        assert words == f"{script.stem[:2]} {title}"
+
+
+def test_what_is_to_be_played_with_is_there():
+    kinds = {"06": "belief-explorer", "08": "token-game", "09": "reward-slider"}
+    for script in SCRIPTS:
+        wanted = kinds.get(script.stem[:2])
+        pages = [
+            "".join(o.get("data", {}).get("text/html", ""))
+            for c in stored(script).cells
+            for o in c.get("outputs", [])
+        ]
+        found = [p for p in pages if "<script" in p]
+        assert [bool(re.match(rf'<div class="{wanted}"', p)) for p in found] == [True] * (wanted is not None)
+        for page in found:
+            assert not re.search(r"<script[^>]+src|https?:(?!//www\.w3\.org/2000/svg)", page)
 
 
 # -- the runner ------------------------------------------------------------------------------------

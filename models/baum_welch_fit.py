@@ -13,6 +13,7 @@ from models import inference
 from models.events import EventLog
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView, View
 from models.parameters import Array
 from models.simulation import simulate_responses
 
@@ -30,7 +31,7 @@ class Optimum:
 
 
 @dataclass(frozen=True)
-class BaumWelchFit:
+class BaumWelchFit(NotebookView):
     """The best optimum found, in canonical state order, and how it was found.
 
     Attributes
@@ -159,3 +160,15 @@ class BaumWelchFit:
         """The fit as a single draw, for everything that consumes `ModelDraws`."""
         provenance = {"learner": "Baum-Welch", "seed": self.settings.seed, "log_likelihood": self.log_likelihood}
         return ModelDraws.from_models([self.model], provenance=provenance)
+
+    def _view(self) -> View:
+        found, _, doubt = self.sentence.partition(". WARNING: ")
+        warnings = [doubt.capitalize()] * bool(doubt)
+        if not self.converged:
+            warnings.insert(0, f"it did not converge within {self.settings.max_maps:,} EM maps.")
+        numbers = (
+            f"{self.n_parameters} free parameters, {self.n_responses:,} responses, {self.n_runs:,} runs: "
+            f"AIC {self.aic:.2f}, BIC {self.bic:.2f}."
+        )
+        said = (f"{found.rstrip('.')}.", numbers)
+        return View("Baum-Welch fit", "", tuple(warnings), (), said, self.model._view().tables)

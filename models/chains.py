@@ -5,7 +5,6 @@ Whatever can be sampled is a `Target`: the compiled density (`models.nuts`) or a
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from models.errors import InputError, located
+from models.spread_out import threads_here
 from models.work_clock import WorkClock
 
 Progress = Callable[[str, int, int], None]
@@ -218,7 +218,7 @@ def sample(
             seconds = shares.end(chain)
         return replace(made, cpu_seconds=seconds)
 
-    pool = ThreadPoolExecutor(max_workers=max(1, min(len(missing), os.cpu_count() or 1)))
+    pool = ThreadPoolExecutor(max_workers=max(1, min(len(missing), threads_here())))
     try:
         futures = {pool.submit(run, c): c for c in missing}
         for future in as_completed(futures):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.notebook_view import NotebookView, View
 from models.quiet import without_warnings
 
 MAX_RHAT = 1.01
@@ -17,7 +18,7 @@ FEWEST_DRAWS = 4
 
 
 @dataclass(frozen=True)
-class Gate:
+class Gate(NotebookView):
     """Diagnostics of a sample, on relabelled entries and on label-invariant quantities.
 
     Attributes
@@ -103,6 +104,9 @@ class Gate:
         if self.passed:
             return f"Convergence gate passed: {numbers}."
         return f"Convergence gate FAILED ({'; '.join(self.reasons)}): {numbers}. Do not rely on these numbers."
+
+    def _view(self) -> View:
+        return View("Convergence gate", "", tuple(f"{reason}." for reason in self.reasons), (), (self.sentence,))
 
 
 def convergence_gate(draws: NDArray[np.float64], names: list[str], divergences: int | None) -> Gate:

@@ -26,6 +26,7 @@ from models.glmm_arguments import check_alpha
 from models.glmm_data import Array
 from models.glmm_input import kept, one_intercept, unwrapped
 from models.glmm_table import is_used
+from models.notebook_view import NotebookView
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -54,7 +55,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class MarginalContrast:
+class MarginalContrast(NotebookView):
     """Two settings of the covariates, averaged over the rows of the data and over people.
 
     Attributes

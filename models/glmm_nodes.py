@@ -22,6 +22,7 @@ from models.glmm_exact import exact_log_likelihood
 from models.glmm_exact_maximum import exact_maximum
 from models.glmm_input import kept, unwrapped
 from models.glmm_optimise import FEW_NODES, PART, Maximum, maximise
+from models.notebook_view import NotebookView
 
 if TYPE_CHECKING:
     from models.glmm_results import LogisticMixedResults
@@ -56,7 +57,7 @@ LOWER = 0.125
 
 
 @dataclass(frozen=True)
-class NodeCheck:
+class NodeCheck(NotebookView):
     """The standard deviation under a rule and under one with 2 K + 1 nodes, and both against the exact likelihood.
 
     Attributes

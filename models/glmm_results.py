@@ -25,6 +25,8 @@ from models.glmm_posterior import intercepts
 from models.glmm_predicted import Predictions, predictions
 from models.glmm_prediction import design_of, offset_of, shifts_of
 from models.glmm_summary import GroupSizes, summary_of
+from models.glmm_view import fit_view
+from models.notebook_view import NotebookView, View
 
 if TYPE_CHECKING:
     from models.glmm import LogisticMixedModel
@@ -34,7 +36,7 @@ KINDS = ("model", "robust")
 """Kinds of covariance."""
 
 
-class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
+class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin, NotebookView):
     """Results of `LogisticMixedModel.fit`.
 
     Attributes
@@ -373,6 +375,9 @@ class LogisticMixedResults(base.LikelihoodModelResults, base.ResultMixin):
         raise located(
             "bootstrap", Phrase("rows to resample"), "variance_test(method='bootstrap'), or groups resampled"
         )
+
+    def _view(self) -> View:
+        return fit_view(self, "Logistic mixed model, random intercept")
 
     def summary(self, alpha: float = 0.05, method: str = "wald", title: str | None = None) -> Any:
         """The fit on a screen, with its notes.

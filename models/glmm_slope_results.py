@@ -23,6 +23,8 @@ from models.glmm_slope_effects import averaged_probabilities, natural_parameters
 from models.glmm_slope_likelihood import SlopeLikelihood
 from models.glmm_slope_summary import slope_notes, slope_summary
 from models.glmm_table import table_of
+from models.glmm_view import fit_view
+from models.notebook_view import NotebookView, View
 
 if TYPE_CHECKING:
     from models.glmm_escape import Escape
@@ -35,7 +37,7 @@ SINGULAR = 1e-3
 ABSENT = "random slopes have Wald intervals only; drop the slope for profile intervals, quadrature and simulation"
 
 
-class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
+class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin, NotebookView):
     """Results of a model with random slopes, by Laplace's approximation.
 
     Attributes
@@ -340,6 +342,9 @@ class LogisticSlopeResults(base.LikelihoodModelResults, base.ResultMixin):
         raise located("remove_data", Phrase("a fit with random slopes"), "a random intercept, or params kept alone")
 
     # -- words -------------------------------------------------------------------------------------
+    def _view(self) -> View:
+        return fit_view(self, "Logistic mixed model, random slopes")
+
     def summary(self, alpha: float = 0.05, method: str = "wald", title: str | None = None) -> Any:
         """The fit on a screen, with its notes."""
         return slope_summary(self, alpha, method, title)

@@ -18,13 +18,14 @@ from models.glmm_data import Array
 from models.glmm_input import kept, one_intercept, unwrapped
 from models.glmm_optimise import maximise
 from models.glmm_simulation import patterns_of, simulate_successes
+from models.notebook_view import NotebookView
 
 STREAM = 7_402
 """First element of the spawn keys used here."""
 
 
 @dataclass(frozen=True)
-class VarianceTest:
+class VarianceTest(NotebookView):
     """Test of a standard deviation of zero.
 
     Attributes

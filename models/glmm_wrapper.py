@@ -23,6 +23,10 @@ class LogisticMixedResultsWrapper(base.LikelihoodResultsWrapper):
         k: v for k, v in base.LikelihoodResultsWrapper._wrap_methods.items() if k not in ("cov_params", "conf_int")
     }
 
+    def __repr__(self) -> str:
+        """As the results inside say it."""
+        return repr(self._results)
+
     def conf_int(self, *args: Any, **kwargs: Any) -> Any:
         """See `LogisticMixedResults.conf_int`; named by parameters, also where only some are wanted."""
         plain = self._results.conf_int(*args, **kwargs)

@@ -16,6 +16,7 @@ from models.errors import InputError, located
 from models.event_rules import one_of
 from models.gate import Gate
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView, View, table_rows
 from models.parameters import Array
 from models.protocol import Protocol
 
@@ -23,7 +24,7 @@ __all__ = ["SPREAD", "TABLES", "Posterior"]
 
 
 @dataclass(frozen=True)
-class Posterior:
+class Posterior(NotebookView):
     """A posterior sample with its diagnostics.
 
     Attributes
@@ -177,3 +178,8 @@ class Posterior:
             f"{where} the entries of the transition tables have a median contraction of {moves.median():.2f}, from "
             f"{moves.min():.2f} to {moves.max():.2f}."
         )
+
+    def _view(self) -> View:
+        warnings = tuple(f"{reason}; do not rely on these numbers." for reason in self.gate.reasons)
+        table = table_rows(self.summary(), ".summary()")
+        return View("Posterior", "", warnings, (), (self.sentence, self.gate.sentence), (table,))

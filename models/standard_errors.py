@@ -13,6 +13,7 @@ import numpy as np
 from models.baum_welch_fit import BaumWelchFit
 from models.events import EventLog
 from models.forward_backward import log_likelihood_and_gradient
+from models.notebook_view import NotebookView, View, frame_rows
 from models.parameters import Array, Layout, on_boundary
 
 BOUNDARY = 1e-4
@@ -20,7 +21,7 @@ STEP = 1e-5
 
 
 @dataclass(frozen=True)
-class StandardErrors:
+class StandardErrors(NotebookView):
     """Standard errors in the shapes of the tables; NaN where there is none.
 
     Attributes
@@ -43,6 +44,23 @@ class StandardErrors:
         """Largest standard error of any entry; NaN where there is none at all."""
         every = np.concatenate([t.ravel() for t in (self.initial, self.transition, self.emission)])
         return float(np.nanmax(every)) if np.isfinite(every).any() else float("nan")
+
+    def _view(self) -> View:
+        warnings = []
+        if not np.isfinite(self.largest):
+            warnings.append(
+                f"no standard errors: the information matrix is singular (condition number {self.condition:.3g})."
+            )
+        if self.on_boundary:
+            warnings.append(f"{self.on_boundary} entries at 0 were held fixed and have no standard error.")
+        rows = [
+            {"entry": f"{name}[{', '.join(map(str, at))}]", "standard_error": float(error)}
+            for name in ("initial", "transition", "emission")
+            for at, error in np.ndenumerate(getattr(self, name))
+            if np.isfinite(error)
+        ]
+        said = () if warnings and not rows else (f"Largest standard error of an entry: {self.largest:.3g}.",)
+        return View("Standard errors", "", tuple(warnings), (), said, (frame_rows(rows),) if rows else ())
 
 
 def standard_errors(fit: BaumWelchFit, log: EventLog) -> StandardErrors:

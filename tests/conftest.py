@@ -1,10 +1,12 @@
-"""What all tests share: the hypothesis profile, and the way to files kept outside the checkout."""
+"""What all tests share: the hypothesis profile, a browser, and the way to files kept outside the checkout."""
 
 import os
 from pathlib import Path
 
 import hypothesis
 import pytest
+
+from tests.browser import running
 
 hypothesis.settings.register_profile(
     "workbench", derandomize=True, database=None, deadline=None, max_examples=40, print_blob=True
@@ -25,3 +27,11 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: this test compares with material kept outside the checkout")
     return folder
+
+
+# Not for the whole session: what a test starts of its own (an event loop, another driver) cannot begin meanwhile.
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium of the system, without a window; skips where there is none."""
+    with running() as own:
+        yield own

@@ -43,7 +43,7 @@ def belief_path(
         floor = floor + beliefs[:, s]
     ax.set_xticks(np.arange(count), labels)
     ax.tick_params(axis="x", length=0)
-    ax.set(ylabel="belief", ylim=(0, 1))
+    ax.set(ylabel="belief (probability)", ylim=(0, 1))
     ax.yaxis.set_major_formatter(PercentFormatter(1))
     ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), reverse=True)
     return ax

@@ -7,7 +7,11 @@ from matplotlib.axes import Axes
 
 from analysis.figures.style import COLOURS, FAINT, RULE, axes, styled
 
-SHAPES = {"profile": "o", "Wald": "s"}
+SHAPES = {
+    ("AGHQ", "profile"): "o", ("AGHQ", "Wald"): "s", ("Laplace", "profile"): "^", ("Laplace", "Wald"): "D",
+}  # fmt: skip
+"""Markers, so that rules can be told apart in grey print too."""
+
 FILLS = {"AGHQ": COLOURS[0], "Laplace": COLOURS[1]}
 
 
@@ -40,7 +44,7 @@ def coverage_by_parameter(
         part = table[(table["rule"] == rule) & (table["interval"] == kind)].set_index("parameter")
         shift = 0.17 * (i - (len(pairs) - 1) / 2)
         ax.plot(
-            part.loc[parameters, "share"], [row + shift for row in range(len(parameters))], SHAPES[kind],
+            part.loc[parameters, "share"], [row + shift for row in range(len(parameters))], SHAPES[rule, kind],
             color=FILLS[rule], markerfacecolor=FILLS[rule] if kind == "profile" else "white", markersize=5,
             linestyle="none", label=f"{rule}, {kind}",
         )  # fmt: skip

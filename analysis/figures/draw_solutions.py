@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
+from analysis.figures.axis_names import REWARD, with_unit
+from analysis.figures.several import Panels, panels, words_below
 from analysis.figures.style import (
     COLOURS,
     FAINT,
@@ -46,8 +47,9 @@ STEPS = 200
 
 @styled
 def stability_map(
-    solution: WideSolution, *, points: int = 20, faces: Sequence[tuple[int, int, int]] | None = None
-) -> Figure:
+    solution: WideSolution, *, points: int = 20, faces: Sequence[tuple[int, int, int]] | None = None,
+    ax: Any = None,
+) -> Panels:  # fmt: skip
     """Draw the share of draws that prefer an active action, over beliefs about three states at a time.
 
     One row a mode that leaves a choice; each triangle has certainty of one state in every corner. Undecided draws
@@ -61,6 +63,12 @@ def stability_map(
         Steps along an edge.
     faces : sequence of three state numbers, optional
         All faces of the simplex by default, if there are few.
+    ax : array of Axes, shape [modes with a choice, faces], optional
+
+    Raises
+    ------
+    InputError
+        If the draws were solved from their start only, or what is given as `ax` has another shape.
     """
     from models.robust.belief_stability import belief_stability, face_grid
 
@@ -71,8 +79,8 @@ def stability_map(
         every = list(combinations(range(n), 3))
         faces = every if len(every) <= FACES else [(0, n // 2, n - 1)]
     modes = [x for x, mode in enumerate(draws.protocol.modes) if len(mode.actions) > 1]
-    figure = Figure(figsize=(1.2 + 1.75 * len(faces), 0.5 + 1.8 * len(modes)), layout="constrained")
-    grid = figure.subplots(len(modes), len(faces), squeeze=False)
+    size = 1.2 + 1.75 * len(faces), 0.5 + 1.8 * len(modes)
+    grid, _ = panels("stability map", ax, (len(modes), len(faces)), size)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(0.75)]])
     filled = None
     for row, x in enumerate(modes):
@@ -97,15 +105,19 @@ def stability_map(
         active = [a.name for a in draws.protocol.modes[x].actions if a.name != draws.protocol.modes[x].null_action]
         grid[row, 0].set_title(" or ".join(map(spoken, active)), pad=8)
     if filled is not None:
-        bar = figure.colorbar(filled, ax=grid, shrink=0.75, aspect=22, pad=0.02, ticks=[0, 0.25, 0.5, 0.75, 1])
+        bar = (
+            grid[0, 0]
+            .get_figure()
+            .colorbar(filled, ax=list(grid.flat), shrink=0.75, aspect=22, pad=0.02, ticks=[0, 0.25, 0.5, 0.75, 1])
+        )
         bar.ax.yaxis.set_major_formatter(PercentFormatter(1))
         bar.set_label("share of draws that prefer it")
         bar.outline.set_visible(False)
-    return figure
+    return grid
 
 
 @styled
-def stability_walk(solution: WideSolution, *, points: int = 40) -> Figure:
+def stability_walk(solution: WideSolution, *, points: int = 40, ax: Any = None) -> Panels:
     """Draw what draws prefer and what each action loses, over a walk from each state to the next.
 
     One column a mode that leaves a choice. Above, the share of draws that prefer an active action; the band over it
@@ -118,6 +130,12 @@ def stability_walk(solution: WideSolution, *, points: int = 40) -> Figure:
         As for `stability_map`.
     points : int
         Beliefs between two states.
+    ax : array of Axes, shape [2, modes with a choice], optional
+
+    Raises
+    ------
+    InputError
+        If the draws were solved from their start only, or what is given as `ax` has another shape.
     """
     from models.robust.belief_stability import belief_stability, edge_walk
 
@@ -125,42 +143,42 @@ def stability_walk(solution: WideSolution, *, points: int = 40) -> Figure:
     draws = solution.batch.draws
     n, names = draws.n_states, draws.model(0).state_names
     modes = [x for x, mode in enumerate(draws.protocol.modes) if len(mode.actions) > 1]
-    figure = Figure(figsize=(max(4.2, 3.5 * len(modes)), 4.6), layout="constrained")
-    grid = figure.subplots(2, len(modes), squeeze=False, sharex=True, sharey="row")
+    size = max(4.2, 3.5 * len(modes)), 4.6
+    grid, own = panels("stability walk", ax, (2, len(modes)), size, sharex=True, sharey="row")
     walk = edge_walk(n, points)
     at = np.arange(len(walk)) / points
     for place, x in enumerate(modes):
-        ax, below = grid[:, place]
+        top, below = grid[:, place]
         mode = draws.protocol.modes[x]
         found = belief_stability(solution, walk, x)
         active = [c for c, a in enumerate(mode.actions) if a.name != mode.null_action]
         share = found.share[:, active].sum(axis=1)
         label = " or ".join(spoken(mode.actions[c].name) for c in active)
-        ax.fill_between(
+        top.fill_between(
             at, share, share + found.undecided, color=COLOURS[0], alpha=0.25, linewidth=0, label="undecided"
         )
-        ax.plot(at, share, color=COLOURS[0], label=f"prefer {label}")
-        ax.set_ylim(-0.02, 1.02)
-        ax.yaxis.set_major_formatter(PercentFormatter(1))
-        ax.set_title(spoken(mode.name), pad=20)
+        top.plot(at, share, color=COLOURS[0], label=f"prefer {label}")
+        top.set_ylim(-0.02, 1.02)
+        top.yaxis.set_major_formatter(PercentFormatter(1))
+        top.set_title(spoken(mode.name), pad=20)
         for c, action in enumerate(mode.actions):
             look = {"color": COLOURS[1 + c % 6], "linestyle": LINES[c % len(LINES)]}
             below.plot(at, found.loss[:, c], label=spoken(action.name), **look)
         below.set_xticks(range(n), [short_state(s, i).replace(" ", "\n") for i, s in enumerate(names)])
-        for panel in (ax, below):
+        for panel in (top, below):
             panel.grid(axis="y")
             for i in range(n):
                 panel.axvline(i, color=RULE, linewidth=0.8, zorder=0)
             panel.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.98), borderaxespad=0.2, ncols=3,
                          columnspacing=1.2)  # fmt: skip
     # After all panels of the row, which share their scale.
-    grid[1, 0].set_ylim(bottom=0)
+    most = max(below.get_ylim()[1] for below in grid[1])
+    for below in grid[1]:
+        below.set_ylim(0, most)
     grid[0, 0].set_ylabel("share of draws")
-    grid[1, 0].set_ylabel("expected loss,\nreward units")
-    figure.supxlabel(
-        "belief, moving from certainty of one state to certainty of the next", fontsize=8.5, color=FAINT
-    )
-    return figure
+    grid[1, 0].set_ylabel(with_unit("expected loss", REWARD, lines=True))
+    words_below(grid, own, "belief, moving from certainty of one state to certainty of the next")
+    return grid
 
 
 @styled
@@ -196,7 +214,9 @@ def stability_along(found: HistoryStability, *, ax: Axes | None = None) -> Axes:
     ax.set_xticks([e.event + 1 for e in found.events], [f"{k + 1}\n{c}" for k, c in enumerate(found.letters)])
     ax.set(xlabel="event and mode", ylabel="share of draws that prefer it")
     ax.grid(axis="y")
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=len(modes))
+    # Side by side where the figure is wide enough for it.
+    columns = len(modes) if len(found.events) > 6 else 1
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=columns)
     return ax
 
 
@@ -234,7 +254,7 @@ def value_distribution(
         ax.plot([mean], [np.interp(mean, values[order], share)], "o", color=colour, markersize=4.5)
     ax.set_ylim(0, 1)
     ax.yaxis.set_major_formatter(PercentFormatter(1))
-    ax.set_xlabel("value without horizon, reward units")
+    ax.set_xlabel(with_unit("value without horizon", REWARD))
     ax.set_ylabel("share of draws below")
     ax.grid(axis="y")
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=2, title="mean", alignment="left")

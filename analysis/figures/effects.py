@@ -7,7 +7,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from analysis.credible import as_probability
-from analysis.figures.style import COLOURS, FAINT, INK, RULE, axes, styled
+from analysis.figures.axis_names import with_unit
+from analysis.figures.style import COLOURS, FAINT, INK, RULE, above, axes, styled
 
 CROWDED = 9
 """Rounds beyond which the model's effect is a band and only every few rounds are labelled."""
@@ -65,14 +66,13 @@ def effect_by_round(
     step = 1 if n <= CROWDED else int(np.ceil((n - 1) / 8))
     labels = [*range(0, n - 1, step), n - 1]
     ax.set_xticks(x[labels], [str(table["round"].iloc[i]) for i in labels])
-    ax.set(xlabel="round k (shaded: all responses)", ylabel=f"change, {unit}", title=title)
+    ax.set(xlabel="round k (shaded: all responses)", ylabel=with_unit("change", unit), title=title)
     ax.set_xlim(-0.6, x[-1] + 0.6)
     if limits is not None:
         ax.set_ylim(*limits)
     ax.grid(axis="y")
     if legend:
-        ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0 if not title else 1.08), borderaxespad=0.2, ncols=3,
-                  columnspacing=1.0, handlelength=1.4)  # fmt: skip
+        ax.legend(ncols=3, columnspacing=1.0, handlelength=1.4, **above(ax, title))
     return ax
 
 
@@ -117,6 +117,6 @@ def contrast_by_state(
     ends = [min(value["low"].min(), value["prior_low"].min()), max(value["high"].max(), value["prior_high"].max())]
     margin = 0.06 * (ends[1] - ends[0])
     ax.set_xlim(*(limits or (ends[0] - margin, ends[1] + margin)))
-    ax.set(xlabel=f"change of the next response, {unit}", ylabel="state before", title=title)
+    ax.set(xlabel=with_unit("change of the next response", unit), ylabel="state before", title=title)
     ax.grid(axis="x")
     return ax

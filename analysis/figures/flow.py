@@ -27,7 +27,7 @@ def still_going(table: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
             k, share, drawstyle="steps-post", color=COLOURS[i % len(COLOURS)], linestyle=LINES[i % len(LINES)],
             marker=MARKERS[i % len(MARKERS)], markevery=(i, max(1, last // 6)), label=str(name),
         )  # fmt: skip
-    ax.set(xlabel="round k", ylabel="runs that have this round", xlim=(0, last + 1.2), ylim=(-0.02, 1.03))
+    ax.set(xlabel="round k", ylabel="share of runs that have this round", xlim=(0, last + 1.2), ylim=(-0.02, 1.03))
     ax.yaxis.set_major_formatter(PercentFormatter(1))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(axis="y")

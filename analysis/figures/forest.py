@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from analysis.figures.style import COLOURS, INK, RULE, axes, styled
+from analysis.figures.style import COLOURS, INK, RULE, above, axes, styled
 
 
 @styled
@@ -52,7 +52,7 @@ def forest(
         handles, words = ax.get_legend_handles_labels()
         order = sorted(range(len(words)), key=lambda i: ("prior", "posterior", "EM", "bootstrap").index(words[i]))
         ax.legend(
-            [handles[i] for i in order], [words[i] for i in order], loc="lower left", borderaxespad=0.2, ncols=2,
-            bbox_to_anchor=(0, 1.0 if not title else 1.0 + 0.22 / (0.29 * n)), columnspacing=1.0, handlelength=1.6,
+            [handles[i] for i in order], [words[i] for i in order], ncols=2, columnspacing=1.0, handlelength=1.6,
+            **above(ax, title),
         )  # fmt: skip
     return ax

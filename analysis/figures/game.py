@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from analysis.figures.axis_names import with_unit
+from analysis.figures.several import Panels, panels
 from analysis.figures.style import (
     FAINT,
     INK,
@@ -49,25 +52,34 @@ WITHIN = 0.9
 
 
 @styled
-def trap_panels(scenes: Sequence[Scene]) -> Figure:
+def trap_panels(scenes: Sequence[Scene], *, ax: Any = None) -> Panels:
     """Moments of the game side by side, each with its caption, and what the signs mean.
 
     Parameters
     ----------
     scenes : sequence of Scene
+    ax : array of Axes, shape [scenes + 1], optional
+        The last one is for what the signs mean, and should be wide and low.
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
     n = len(scenes)
-    # Frames are brought to this resolution here: embedded as they are, browsers would drop pixels of them.
-    figure = Figure(figsize=(2.5 * n, 4.1), layout="constrained", dpi=DPI)
-    grid = figure.add_gridspec(2, n, height_ratios=(3.4, 0.42))
-    for i, scene in enumerate(scenes):
-        ax = figure.add_subplot(grid[0, i])
+    if ax is None:
+        # Frames are brought to this resolution here: embedded as they are, browsers would drop pixels of them.
+        figure = Figure(figsize=(2.5 * n, 4.1), layout="constrained", dpi=DPI)
+        grid = figure.add_gridspec(2, n, height_ratios=(3.4, 0.42))
+        ax = [*(figure.add_subplot(grid[0, i]) for i in range(n)), figure.add_subplot(grid[1, :])]
+    made, _ = panels("moments of the game", ax, (n + 1,), (0, 0))
+    for i, (one, scene) in enumerate(zip(made, scenes, strict=False)):
         painter = Painter(scene.layout, scene.round_ticks, CELL)
-        ax.imshow(painter.frame(scene.view), aspect="equal")
-        ax.set_title(f"{'abcdefgh'[i % 8]}  {scene.title}")
-        ax.set_xlabel(textwrap.fill(scene.caption, 40), fontsize=8.0, labelpad=5)
-        _bare(ax)
-    row = figure.add_subplot(grid[1, :])
+        one.imshow(painter.frame(scene.view), aspect="equal")
+        one.set_title(f"{'abcdefgh'[i % 8]}  {scene.title}")
+        one.set_xlabel(textwrap.fill(scene.caption, 40), fontsize=8.0, labelpad=5)
+        _bare(one)
+    row = made[-1]
     row.set_xlim(0, len(LEGEND))
     row.set_ylim(-1, 1)
     for i, (name, meaning) in enumerate(LEGEND):
@@ -76,7 +88,7 @@ def trap_panels(scenes: Sequence[Scene]) -> Figure:
         _bare(inset)
         row.text(i + 0.29, 0, meaning, va="center", fontsize=7.5)
     row.axis("off")
-    return figure
+    return made
 
 
 @styled
@@ -111,7 +123,7 @@ def round_course(played: RoundRecord, title: str = "", ax: Axes | None = None) -
             start if left else end, 0.98, f" {words} ", transform=ax.get_xaxis_transform(), va="top",
             ha="left" if left else "right", fontsize=7.5, color=FAINT,
         )  # fmt: skip
-    ax.set(xlabel="seconds", ylabel="tokens collected", title=title)
+    ax.set(xlabel=with_unit("time", "s"), ylabel="tokens collected", title=title)
     ax.set_xlim(0, seconds[-1] * 1.22 if len(seconds) > 1 else 1)
     ax.set_ylim(bottom=0)
     # At the most seven labels, at round seconds.
@@ -120,7 +132,9 @@ def round_course(played: RoundRecord, title: str = "", ax: Axes | None = None) -
 
 
 @styled
-def tokens_by_kind(outcomes: RoundOutcomes, kinds: Mapping[str, NDArray[np.bool_]], ax: Axes | None = None) -> Axes:
+def tokens_by_kind(
+    outcomes: RoundOutcomes, kinds: Mapping[str, NDArray[np.bool_]], *, ax: Axes | None = None
+) -> Axes:
     """Mean tokens a round of both players, one bar a kind of round; lines hold most rounds' sums.
 
     Parameters
@@ -169,7 +183,7 @@ def tokens_by_kind(outcomes: RoundOutcomes, kinds: Mapping[str, NDArray[np.bool_
 
 
 @styled
-def state_scores_plot(table: pd.DataFrame, state_names: Sequence[str], ax: Axes | None = None) -> Axes:
+def state_scores_plot(table: pd.DataFrame, state_names: Sequence[str], *, ax: Axes | None = None) -> Axes:
     """Tokens a round by state as measured in the game, with the printed scores beside them.
 
     Parameters

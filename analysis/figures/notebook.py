@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import FAINT, style, styled, to_svg
+from analysis.figures.style import FAINT, Drawn, figure_of, style, styled, to_svg
 from analysis.report.letters import slim
 from analysis.report.section import Origin
 
@@ -30,12 +30,13 @@ def panels(*widths: float, height: float = 2.9) -> list[Axes]:
     return list(np.ravel(made))
 
 
-def show(drawn: Axes | Figure, kind: str, caption: str) -> None:
+def show(drawn: Drawn, kind: str, caption: str) -> None:
     """Display a figure as SVG, with where it comes from inside it and the caption below.
 
     Parameters
     ----------
-    drawn : Axes or Figure
+    drawn : Axes, Panels or Figure
+        What a plot function returned.
     kind : str
         Of the data: ``real``, ``simulated`` or ``unstated`` as on a card; ``definition`` or ``truth`` where there
         are none.
@@ -47,8 +48,7 @@ def show(drawn: Axes | Figure, kind: str, caption: str) -> None:
     shown: Any = display
     origin = Origin.DEFINITION if kind == "definition" else Origin.of_kind(kind)
     label, meaning = TRUTH if kind == "truth" else (origin.label, origin.meaning)
-    figure = drawn.get_figure(root=True) if isinstance(drawn, Axes) else drawn
-    assert figure is not None
+    figure = figure_of(drawn)
     with style():
         words = f"{label.upper()}. {meaning}"
         figure.supxlabel(words, x=0.01, ha="left", fontsize=7.5, color=FAINT)

@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
+from analysis.figures.axis_names import with_unit
 from analysis.figures.style import (
     COLOURS,
     FAINT,
@@ -61,7 +62,8 @@ def odds_forest(
         for side, end, sign in (("low", limits[0], "<"), ("high", limits[1], ">")):
             beyond = rows[side].to_numpy(dtype=np.float64)
             out = beyond < end if sign == "<" else beyond > end
-            ax.plot(np.full(out.sum(), end), y[out], sign, color=colour, markersize=4.5, clip_on=False)
+            if out.any():  # an empty line that is not clipped would still take part in the layout
+                ax.plot(np.full(out.sum(), end), y[out], sign, color=colour, markersize=4.5, clip_on=False)
         estimate = rows["estimate"].to_numpy(dtype=np.float64)
         inside = (estimate >= limits[0]) & (estimate <= limits[1])
         ax.plot(estimate[inside], y[inside], marker, color=colour, markersize=size, label=source)
@@ -162,7 +164,7 @@ def residual_classes(table: pd.DataFrame, *, limit: float, title: str = "", ax: 
     ax.set_ylim(y[-1] + 0.7, -0.7)
     reach = max(limit, float(np.abs(z[np.isfinite(z)]).max(initial=0.0))) * 1.15
     ax.set_xlim(-reach, reach)
-    ax.set(xlabel="mean residual, standard errors", title=title)
+    ax.set(xlabel=with_unit("mean residual", "standard errors"), title=title)
     ax.grid(axis="x")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
     return ax

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullFormatter
 
-from analysis.figures.style import COLOURS, FAINT, INK, LINES, MARKERS, RULE, axes, short_state, spoken, styled
+from analysis.figures.axis_names import REWARD, with_unit
+from analysis.figures.several import Panels, panels, words_below
+from analysis.figures.style import COLOURS, INK, LINES, MARKERS, RULE, axes, short_state, spoken, styled
 
 if TYPE_CHECKING:
     from models.planning.solution import Solution
@@ -45,7 +46,7 @@ def gap_over_time(solutions: Mapping[str, Solution], *, ax: Axes | None = None) 
         )  # fmt: skip
     _powers_of_ten(ax, "x", lambda v: f"{v:g}")
     _powers_of_ten(ax, "y", lambda v: f"{100 * v:g}%")
-    ax.set_xlabel("seconds of work")
+    ax.set_xlabel(with_unit("time of work", "s"))
     ax.set_ylabel("gap between the bounds,\nrelative to the value")
     ax.grid(axis="y")
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
@@ -65,7 +66,7 @@ def _powers_of_ten(ax: Axes, which: Literal["x", "y"], write: Callable[[float], 
 
 
 @styled
-def value_slices(solution: Solution, *, points: int = 60) -> Figure:
+def value_slices(solution: Solution, *, points: int = 60, ax: Any = None) -> Panels:
     """Draw value and action over a walk through the belief simplex, from each hidden state to the next.
 
     One panel a mode: the policy's value (lower bound), and below it what the policy does, looking one step
@@ -76,12 +77,17 @@ def value_slices(solution: Solution, *, points: int = 60) -> Figure:
     solution : Solution
     points : int
         Beliefs between two states.
+    ax : array of Axes, shape [modes with a choice], optional
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
     problem = solution.problem
     shown = [x for x in range(problem.n_modes) if (solution.mode == x).any()]
-    figure = Figure(figsize=(max(4.6, 3.4 * len(shown)), 3.3), layout="constrained")
-    for place, x in enumerate(shown):
-        ax = figure.add_subplot(1, len(shown), place + 1)
+    made, own_figure = panels("value slices", ax, (len(shown),), (max(4.6, 3.4 * len(shown)), 3.3))
+    for place, (one, x) in enumerate(zip(made, shown, strict=True)):
         n = len(problem.states[x])
         corners = np.eye(n)
         share = np.linspace(0, 1, points, endpoint=False)[:, None]
@@ -90,7 +96,7 @@ def value_slices(solution: Solution, *, points: int = 60) -> Figure:
         at = np.arange(len(walk)) / points
         own = np.flatnonzero(solution.mode == x)
         worth = walk @ solution.alpha[own, :n].T
-        ax.plot(at, worth.max(axis=1), color=INK, linewidth=1.8)
+        one.plot(at, worth.max(axis=1), color=INK, linewidth=1.8)
         chosen = solution.policy.choose_many(walk, x)
         names = [spoken(c.action) for c in problem.choices[x]]
         low, high = worth.max(axis=1).min(), worth.max(axis=1).max()
@@ -100,26 +106,24 @@ def value_slices(solution: Solution, *, points: int = 60) -> Figure:
         for a, b in zip(np.r_[0, edges], np.r_[edges, len(at)], strict=True):
             end = at[b] if b < len(at) else at[-1]
             wide = max(end - at[a], 1e-9)
-            ax.add_patch(Rectangle((at[a], strip), wide, height, edgecolor="white", **_look(int(chosen[a]))))
+            one.add_patch(Rectangle((at[a], strip), wide, height, edgecolor="white", **_look(int(chosen[a]))))
             if wide / max(at[-1], 1e-9) > 0.022 * len(names[chosen[a]]):
                 box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.12"}
-                ax.text(at[a] + wide / 2, strip + height / 2, names[chosen[a]], ha="center", va="center",
+                one.text(at[a] + wide / 2, strip + height / 2, names[chosen[a]], ha="center", va="center",
                         fontsize=8, bbox=box)  # fmt: skip
-        ax.set_ylim(strip - 0.05 * span, high + 0.08 * span)
-        ax.set_xticks(range(n), [short_state(s, i).replace(" ", "\n") for i, s in enumerate(problem.states[x])])
+        one.set_ylim(strip - 0.05 * span, high + 0.08 * span)
+        one.set_xticks(range(n), [short_state(s, i).replace(" ", "\n") for i, s in enumerate(problem.states[x])])
         for i in range(n):
-            ax.axvline(i, color=RULE, linewidth=0.8, zorder=0)
-        ax.set_title(spoken(problem.modes[x]), pad=22)
-        ax.set_ylabel("value, reward units" if place == 0 else "")
+            one.axvline(i, color=RULE, linewidth=0.8, zorder=0)
+        one.set_title(spoken(problem.modes[x]), pad=22)
+        one.set_ylabel(with_unit("value", REWARD) if place == 0 else "")
         legend = [Patch(edgecolor="white", label=names[c], **_look(int(c))) for c in np.unique(chosen)]
-        ax.legend(
+        one.legend(
             handles=legend, loc="lower left", bbox_to_anchor=(-0.02, 0.99), borderaxespad=0.2, ncols=4,
             handlelength=1.4, columnspacing=1.2,
         )  # fmt: skip
-    figure.supxlabel(
-        "belief, moving from certainty of one state to certainty of the next", fontsize=8.5, color=FAINT
-    )
-    return figure
+    words_below(made, own_figure, "belief, moving from certainty of one state to certainty of the next")
+    return made
 
 
 def _look(choice: int) -> dict[str, Any]:

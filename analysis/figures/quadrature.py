@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from analysis.figures.axis_names import with_unit
 from analysis.figures.style import COLOURS, FAINT, MARKERS, axes, styled
 
 
@@ -37,7 +38,7 @@ def rules_near_ceiling(
             x, y, np.stack([y - low, high - y]), marker=MARKERS[i], color=COLOURS[1 - i % 2], capsize=2.5,
             elinewidth=1.2, linestyle="-" if i else "--", label=str(rule),
         )  # fmt: skip
-    ax.set(xlabel="people who always help, %", ylabel=ylabel, title=title)
+    ax.set(xlabel=with_unit("share of people who always help", "%"), ylabel=ylabel, title=title)
     ax.set_ylim(bottom=0)
     ax.grid(axis="y")
     if legend:

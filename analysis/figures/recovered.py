@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from analysis.figures.style import COLOURS, INK, axes, styled
+from analysis.figures.style import COLOURS, INK, above, axes, styled
 
 
 @styled
@@ -46,5 +46,5 @@ def beside_truth(
     ax.set(xlabel=measure, xlim=(-0.03, 1.03), title=title)
     ax.set_ylim(n - 0.4, -0.6)
     ax.grid(axis="x")
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0 if not title else 1.09), borderaxespad=0.2, ncols=3)
+    ax.legend(ncols=3, **above(ax, title))
     return ax

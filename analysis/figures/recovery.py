@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy import stats
 
-from analysis.figures.style import COLOURS, FAINT, INK, RULE, SEQUENTIAL, axes, spoken, styled
+from analysis.figures.style import COLOURS, FAINT, INK, RULE, SEQUENTIAL, above, axes, spoken, styled
 
 LEARNERS = (
     ("em_rmse", "EM", COLOURS[1], "D", -0.22),
@@ -45,13 +45,13 @@ def recovery_errors(table: pd.DataFrame, *, title: str = "", ax: Axes | None = N
             ax.plot([together] * 2, [row + shift - 0.11, row + shift + 0.11], color=colour, linewidth=2.4)
     _rows(ax, groups)
     ax.set_xlim(left=0)
-    ax.set(xlabel="root mean square error", title=title)
+    ax.set(xlabel="root mean square error (probability)", title=title)
     ax.legend(
         handles=[
             Line2D([], [], color=c, marker=m, linestyle="none", markersize=5, label=name)
             for _, name, c, m, _ in LEARNERS
         ],
-        loc="lower left", bbox_to_anchor=(-0.35, 1.0 if not title else 1.09), borderaxespad=0.2, ncols=3,
+        **above(ax, title, -0.35), ncols=3,
         handlelength=0.8, columnspacing=1.0,
     )  # fmt: skip
     return ax
@@ -94,7 +94,7 @@ def recovery_coverage(table: pd.DataFrame, studies: int, *, title: str = "", ax:
             Line2D([], [], color=c, marker=m, linestyle="none", markersize=5, label=f"{level:.0%} intervals")
             for _, level, c, m, _ in series
         ],
-        loc="lower left", bbox_to_anchor=(-0.35, 1.0 if not title else 1.09), borderaxespad=0.2, ncols=2,
+        **above(ax, title, -0.35), ncols=2,
         handlelength=0.8,
     )  # fmt: skip
     return ax
@@ -139,8 +139,8 @@ def states_found(chosen: pd.DataFrame, true_states: int, *, title: str = "", ax:
                   label=f"{k}, the truth" if k == true_states else str(k))
             for k in sizes
         ],
-        title="states", title_fontsize=8.5, loc="lower left", bbox_to_anchor=(-0.35, 1.0 if not title else 1.09),
-        borderaxespad=0.2, ncols=len(sizes), handlelength=1.3, columnspacing=1.0, alignment="left",
+        title="states", title_fontsize=8.5,
+        **above(ax, title, -0.35), ncols=len(sizes), handlelength=1.3, columnspacing=1.0, alignment="left",
     )  # fmt: skip
     return ax
 

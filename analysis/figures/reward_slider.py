@@ -21,6 +21,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
+from analysis.figures.axis_names import with_unit
 from analysis.figures.notebook import TRUTH
 from analysis.figures.style import FAINT, SEQUENTIAL, axes, spoken, styled
 from analysis.report.section import Origin
@@ -195,8 +196,8 @@ def whole_grid(layers: Mapping[str, GridDecisions], *, ax: Axes | None = None) -
     ax.tick_params(length=0, pad=1)
     for spine in ax.spines.values():
         spine.set_visible(False)
-    ax.set_xlabel(f"cost of {spoken(grid.axes[0].name)}")
-    ax.set_ylabel(f"cost of {spoken(grid.axes[1].name)}")
+    ax.set_xlabel(with_unit(f"cost of {spoken(grid.axes[0].name)}", grid.base.unit))
+    ax.set_ylabel(with_unit(f"cost of {spoken(grid.axes[1].name)}", grid.base.unit))
     several = any(found.n_draws > 1 for found in layers.values())
     words = (
         ["no draw acts", "all draws act", f"fewer than {LEANING:.0%} agree"]

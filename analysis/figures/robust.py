@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from analysis.figures.axis_names import PERSON, VALUE_OF_SCHEDULE, with_unit
+from analysis.figures.several import Panels, legend_of_all, panels, words_below
 from analysis.figures.style import COLOURS, FAINT, INK, LINES, MARKERS, RULE, SEQUENTIAL, axes, spoken, styled
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ def value_distributions(values: Mapping[str, np.ndarray], weight: np.ndarray, *,
         )  # fmt: skip
     ax.set_ylim(0, 1)
     ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0%", "25%", "50%", "75%", "100%"])
-    ax.set_ylabel("share of the draws worth at most")
-    ax.set_xlabel("value over the schedule, reward units a person")
+    ax.set_ylabel("share of draws worth at most")
+    ax.set_xlabel(VALUE_OF_SCHEDULE)
     ax.grid(axis="both")
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2, ncols=2)
     return ax
@@ -72,7 +73,7 @@ def plan_comparison(prices: PriceList, *, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(len(shown)), [p.name for p in shown])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.6, len(shown) - 0.4)
-    ax.set_xlabel("value over the schedule, reward units a person")
+    ax.set_xlabel(VALUE_OF_SCHEDULE)
     ax.grid(axis="x")
     handles = [
         Line2D([], [], linestyle="", marker="o", color=COLOURS[0], label="mean of the draws"),
@@ -86,35 +87,43 @@ def plan_comparison(prices: PriceList, *, ax: Axes | None = None) -> Axes:
 
 
 @styled
-def caution(frontiers: Mapping[str, Frontier]) -> Figure:
+def caution(frontiers: Mapping[str, Frontier], *, ax: Any = None) -> Panels:
     """What caution buys in the tail and costs on average, by how much of the draws counts.
 
     Parameters
     ----------
     frontiers : mapping of setting to Frontier
+    ax : array of Axes, shape [2], optional
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
-    figure = Figure(figsize=(6.6, 3.0), layout="constrained")
-    left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
+    made, own = panels("caution", ax, (2,), (6.6, 3.0))
+    left, right = made
+    handles: list[Any] = []
     for i, (name, found) in enumerate(frontiers.items()):
         rows = found.rows()
         alpha = np.array([r["alpha"] for r in rows])
         best = max(r["mean"] for r in rows)
         style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "linestyle": LINES[i % len(LINES)]}
         style["marker"] = MARKERS[i % len(MARKERS)]
-        left.plot(alpha, [r["cvar"] - r["bayes_cvar"] for r in rows], label=name, markersize=4, **style)
+        handles += left.plot(alpha, [r["cvar"] - r["bayes_cvar"] for r in rows], label=name, markersize=4, **style)
         right.plot(alpha, [best - r["mean"] for r in rows], markersize=4, **style)
-    for ax, title in ((left, "gained in the worst share"), (right, "given up on average")):
-        ax.set_xscale("log")
+    for one, title in ((left, "gained in the worst share"), (right, "given up on average")):
+        one.set_xscale("log")
         ticks = [1, 0.5, 0.25, 0.1, 0.05, 0.01]
-        ax.set_xticks(ticks, [f"{100 * t:g}%" for t in ticks])
-        ax.minorticks_off()
-        ax.set_title(title)
-        ax.grid(axis="y")
-        ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
-    left.set_ylabel("reward units a person")
-    figure.supxlabel("share of the draws that counts (all: the mean; few: caution)", fontsize=8.5, color=FAINT)
-    figure.legend(loc="outside upper left", ncols=len(frontiers))
-    return figure
+        one.set_xticks(ticks, [f"{100 * t:g}%" for t in ticks])
+        one.minorticks_off()
+        one.set_title(title)
+        one.grid(axis="y")
+        one.set_ylim(bottom=min(0.0, one.get_ylim()[0]))
+    for one in made[:1] if own else made:
+        one.set_ylabel(with_unit("difference in value", PERSON, lines=True))
+    words_below(made, own, "share of the draws that counts (all: the mean; few: caution)")
+    legend_of_all(made, own, handles, "outside upper left", ncols=len(frontiers))
+    return made
 
 
 @styled
@@ -165,7 +174,7 @@ def stability_tree(found: Stability, *, ax: Axes | None = None) -> Axes:
     ax.set_xticks(range(s.n_events), [f"{k + 1}\n{s.mode(k).letter}" for k in range(s.n_events)])
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
-    ax.set_xlabel("event and mode; number: % of the draws that agree with the plan")
+    ax.set_xlabel("event and mode (number: % of the draws that agree with the plan)")
     return ax
 
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from analysis.figures.axis_names import PERSON, with_unit
+from analysis.figures.several import Panels, legend_of_all, panels
 from analysis.figures.style import COLOURS, FAINT, INK, MARKERS, RULE, axes, spoken, styled
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 SAFEGUARD_MARKERS = {"none": "o", "budget": "s", "influence": "^", "confidence": "D", "all together": "X"}
 """How points of a policy are drawn, by what guards it."""
+
+LETTERS = "abcdefg"
+"""Of policies, beside their points and in the legend."""
 
 
 @styled
@@ -57,6 +61,11 @@ def value_and_cost(
     for i, name in enumerate(policies):
         colour, front = COLOURS[i % len(COLOURS)], 5 + len(policies) - i
         bare = report.run(name)
+        # A letter beside the policy without safeguards: its colour alone is lost in grey print.
+        ax.annotate(
+            LETTERS[i % len(LETTERS)], (bare.cost, bare.value), xytext=(5, -8), textcoords="offset points",
+            fontsize=7.5, color=INK, zorder=front + 1,
+        )  # fmt: skip
         for run in (r for r in report.runs if r.policy == name):
             way = [bare.cost, run.cost], [bare.value, run.value]
             ax.plot(*way, color=colour, linewidth=0.6, alpha=0.6, zorder=4)
@@ -64,8 +73,8 @@ def value_and_cost(
                 [run.cost], [run.value], marker=SAFEGUARD_MARKERS.get(run.safeguards, "P"), color=colour,
                 markersize=6 if run is bare else 4.5, linestyle="", zorder=front,
             )  # fmt: skip
-    ax.set_xlabel("expected cost, or limit on it, in the unit of the charges")
-    ax.set_ylabel("value, reward units a person")
+    ax.set_xlabel(with_unit("expected cost, or limit on it", "unit of the charges"))
+    ax.set_ylabel(with_unit("value", PERSON))
     ax.grid(axis="both")
     used = dict.fromkeys(r.safeguards for r in report.runs)
     handles: list[Any] = [
@@ -74,7 +83,13 @@ def value_and_cost(
                label="best under a hard budget"),
     ]  # fmt: skip
     handles += [
-        Line2D([], [], color=COLOURS[i % len(COLOURS)], linewidth=3, label=spoken(name))
+        Line2D(
+            [],
+            [],
+            color=COLOURS[i % len(COLOURS)],
+            linewidth=3,
+            label=f"{LETTERS[i % len(LETTERS)]}: {spoken(name)}",
+        )
         for i, name in enumerate(policies)
     ]
     handles += [
@@ -87,15 +102,22 @@ def value_and_cost(
 
 
 @styled
-def stricter(steps: Sequence[Steps]) -> Figure:
+def stricter(steps: Sequence[Steps], *, ax: Any = None) -> Panels:
     """Value lost and influence left as a safeguard is made stricter: exact step functions.
 
     Parameters
     ----------
     steps : sequence of Steps
+        One column each.
+    ax : array of Axes, shape [2, steps], optional
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
-    figure = Figure(figsize=(3.4 * len(steps) + 0.2, 3.6), layout="constrained")
-    grid: Any = figure.subplots(2, len(steps), squeeze=False, sharex="col")
+    size = 3.5 * len(steps) + 0.2, 4.8
+    grid, _ = panels("stricter safeguards", ax, (2, len(steps)), size, sharex="col")
     for column, s in enumerate(steps):
         top, low = grid[0, column], grid[1, column]
         end = 1.0 if s.setting == "threshold" else float(max(s.levels[-1], 1e-9)) * 1.08
@@ -105,16 +127,19 @@ def stricter(steps: Sequence[Steps]) -> Figure:
             ax.set_ylim(bottom=min(0.0, float(values.min())), top=max(float(values.max()) * 1.08, 1e-9))
             ax.grid(axis="y")
         top.set_title(spoken(s.safeguard))
-        unit = "probability asked for" if s.setting == "threshold" else "tolerance, reward units a decision"
-        low.set_xlabel(unit)
-        low.set_xlim(0, end)
-    grid[0, 0].set_ylabel("value lost")
+        tolerance = with_unit("tolerance", "reward units a decision")
+        low.set_xlabel("probability asked for" if s.setting == "threshold" else tolerance)
+        for one in (top, low):
+            one.set_xlim(0, end)
+    grid[0, 0].set_ylabel(with_unit("value lost", PERSON, lines=True))
     grid[1, 0].set_ylabel("times a person is moved")
-    return figure
+    return grid
 
 
 @styled
-def who_is_influenced(report: InfluenceReport, policies: Sequence[str], sets: Sequence[str]) -> Figure:
+def who_is_influenced(
+    report: InfluenceReport, policies: Sequence[str], sets: Sequence[str], *, ax: Any = None
+) -> Panels:
     """Who is influenced, by starting state and first response, with intervals over the draws.
 
     Parameters
@@ -124,35 +149,47 @@ def who_is_influenced(report: InfluenceReport, policies: Sequence[str], sets: Se
         One panel each.
     sets : sequence of str
         Sets of safeguards that are drawn beside each other.
+    ax : array of Axes, shape [policies], optional
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
     kinds = list(dict.fromkeys((row["by"], row["who"]) for row in report.who_rows()))
-    figure = Figure(figsize=(1.9 * len(policies) + 1.7, 0.3 * len(kinds) + 1.2), layout="constrained")
-    panels: Any = figure.subplots(1, len(policies), squeeze=False, sharex=True, sharey=True)[0]
+    size = 3.8 * len(policies) + 1.8, 0.3 * len(kinds) + 1.3
+    made, own = panels("who is influenced", ax, (len(policies),), size, sharex=True, sharey=True)
     rows = {(r["policy"], r["safeguards"], r["by"], r["who"]): r for r in report.who_rows()}
-    for ax, name in zip(panels, policies, strict=True):
+    for one, name in zip(made, policies, strict=True):
         for i, safeguards in enumerate(sets):
             shift = 0.18 * (i - (len(sets) - 1) / 2)
             for y, (by, who) in enumerate(kinds):
                 row = rows.get((name, safeguards, by, who))
                 if row is None:
                     continue
-                ax.plot(
+                one.plot(
                     [row["low"], row["high"]], [y + shift] * 2, color=RULE, linewidth=3.5, solid_capstyle="butt"
                 )
                 marker, colour = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
-                ax.plot(row["influence"], y + shift, marker, color=colour, clip_on=False, zorder=5)
-        ax.set_title(spoken(name), fontsize=8.5)
-        ax.grid(axis="x")
-        ax.tick_params(axis="y", length=0)
+                one.plot(row["influence"], y + shift, marker, color=colour, clip_on=False, zorder=5)
+        one.set_title(spoken(name), fontsize=8.5)
+        one.grid(axis="x")
+        one.tick_params(axis="y", length=0)
     # Once all are drawn: a limit given earlier would keep the first panel's right end for all of them.
-    panels[0].set_xlim(left=0)
-    panels[0].set_yticks(range(len(kinds)), [f"{spoken(by)} {spoken(who)}".strip() for by, who in kinds])
-    panels[0].set_ylim(len(kinds) - 0.5, -0.5)
-    panels[len(panels) // 2].set_xlabel("times a person is moved to another state than if left alone")
+    most = max(one.get_xlim()[1] for one in made)
+    for one in made[:1] if own else made:
+        one.set_xlim(0, most)
+        one.set_yticks(range(len(kinds)), [f"{spoken(by)} {spoken(who)}".strip() for by, who in kinds])
+        one.set_ylim(len(kinds) - 0.5, -0.5)
+    middle = made[len(made) // 2 : len(made) // 2 + 1] if own else made
+    for one in middle:
+        one.set_xlabel(
+            "times a person is moved to another state than if left alone" if own else "times a person is moved"
+        )
     handles = [
         Line2D([], [], linestyle="", marker=MARKERS[i % len(MARKERS)], color=COLOURS[i % len(COLOURS)],
                label="no safeguard" if g == "none" else spoken(g))
         for i, g in enumerate(sets)
     ]  # fmt: skip
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
-    return figure
+    legend_of_all(made, own, handles, "outside upper left", ncols=len(handles))
+    return made

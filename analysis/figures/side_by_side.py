@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from analysis.figures.axis_names import REWARD, with_unit
 from analysis.figures.style import COLOURS, FAINT, INK, MARKERS, axes, styled
 
 SIDES = ("a", "b")
@@ -108,6 +109,6 @@ def plans_exchanged(table: pd.DataFrame, *, title: str = "", ax: Axes | None = N
             ax.axhline(3 * w - 1, color=FAINT, linewidth=0.6)
     ax.set_yticks([t for t, _ in ticks], [word for _, word in ticks])
     ax.invert_yaxis()
-    ax.set(xlabel="value, reward units", ylabel="", title=title)
+    ax.set(xlabel=with_unit("value", REWARD), ylabel="", title=title)
     ax.grid(axis="x")
     return ax

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from analysis.figures.style import COLOURS, FAINT, RULE, axes, styled
+from analysis.figures.axis_names import with_unit
+from analysis.figures.style import COLOURS, FAINT, RULE, above, axes, styled
 from models.glmm_marginal import Estimate
 
 
@@ -48,9 +49,8 @@ def signal_effects(
     ax.set_ylim(n - 0.45, -0.55)
     if limits is not None:
         ax.set_xlim(*limits)
-    ax.set(xlabel="change, percentage points", ylabel="state before", title=title)
+    ax.set(xlabel=with_unit("change", "percentage points"), ylabel="state before", title=title)
     ax.grid(axis="x")
     if legend:
-        ax.legend(loc="lower left", bbox_to_anchor=(0, 1.0 + 0.3 / (0.5 + 0.36 * n)), borderaxespad=0.2, ncols=3,
-                  columnspacing=1.0, handlelength=1.4)  # fmt: skip
+        ax.legend(ncols=3, columnspacing=1.0, handlelength=1.4, **above(ax, title))
     return ax

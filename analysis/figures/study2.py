@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
+from analysis.figures.several import Panels, legend_of_all, panels, words_below
 from analysis.figures.style import (
     COLOURS,
     FAINT,
@@ -24,45 +24,56 @@ from analysis.figures.style import (
     styled,
 )
 
+MEDIANS = ("|", "x", "1", "+")
+"""Markers of medians, by what robots learned from."""
+
 SPREAD = 0.42
 """Rounds over which the intervals of policies in the same round are spread, so that they do not hide each other."""
 
 
 @styled
-def four_panels(panels: Sequence[tuple[str, str, pd.DataFrame]], letters: str) -> Figure:
+def four_panels(tables: Sequence[tuple[str, str, pd.DataFrame]], letters: str, *, ax: Any = None) -> Panels:
     """Outcomes over the rounds, one line a policy with its intervals.
 
     Parameters
     ----------
-    panels : sequence of (title, axis label, DataFrame)
-        ``policy, round, mean, low, high`` each; policies in the same order in all.
+    tables : sequence of (title, axis label, DataFrame)
+        Up to four: ``policy, round, mean, low, high`` each; policies in the same order in all.
     letters : str
         Modes of the rounds, which label the ticks.
+    ax : array of Axes, shape [2, 2], optional
+
+    Raises
+    ------
+    InputError
+        If what is given as `ax` has another shape.
     """
-    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    names = list(dict.fromkeys(panels[0][2]["policy"]))
+    made, own = panels("outcomes over the rounds", ax, (2, 2), (7.0, 5.6))
+    names = list(dict.fromkeys(tables[0][2]["policy"]))
     shifts = np.linspace(-SPREAD / 2, SPREAD / 2, len(names)) if len(names) > 1 else np.zeros(1)
     handles: list[Any] = []
-    for i, (title, label, table) in enumerate(panels):
-        ax = figure.add_subplot(2, 2, i + 1)
+    for one in made.flat[len(tables) :]:
+        one.set_visible(False)
+    for i, (title, label, table) in enumerate(tables):
+        one = made.flat[i]
         for j, (name, shift) in enumerate(zip(names, shifts, strict=True)):
             part = table[table["policy"] == name]
             at, mean, low, high = (part[c].to_numpy(float) for c in ("round", "mean", "low", "high"))
             look: dict[str, Any] = {"color": COLOURS[j % len(COLOURS)], "marker": MARKERS[j % len(MARKERS)]}
             look["linestyle"] = LINES[j % len(LINES)]
-            ax.vlines(at + shift, low, high, color=look["color"], linewidth=0.9, alpha=0.75)
-            ax.plot(at + shift, mean, markersize=3.6, linewidth=1.3, **look)
+            one.vlines(at + shift, low, high, color=look["color"], linewidth=0.9, alpha=0.75)
+            one.plot(at + shift, mean, markersize=3.6, linewidth=1.3, **look)
             if i == 0:
                 handles.append(Line2D([], [], label=name, **look))
-        ax.set_xticks(range(1, len(letters) + 1), [f"{k}\n{letter}" for k, letter in enumerate(letters, 1)])
-        ax.set_xlim(0.5, len(letters) + 0.5)
-        ax.set(title=title, ylabel=label)
+        one.set_xticks(range(1, len(letters) + 1), [f"{k}\n{letter}" for k, letter in enumerate(letters, 1)])
+        one.set_xlim(0.5, len(letters) + 0.5)
+        one.set(title=title, ylabel=label)
         if float(table["low"].min()) >= 0 and float(table["high"].max()) <= 1:
-            ax.yaxis.set_major_formatter(PercentFormatter(1))
-        ax.grid(axis="y")
-    figure.supxlabel("round (H: the human may help)", fontsize=8.5, color=FAINT)
-    figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 5))
-    return figure
+            one.yaxis.set_major_formatter(PercentFormatter(1))
+        one.grid(axis="y")
+    words_below(made, own, "round (H: the human may help)")
+    legend_of_all(made, own, handles, "outside upper center", ncols=min(len(names), 5))
+    return made
 
 
 @styled
@@ -136,7 +147,10 @@ def printed_in_place(
         colour = COLOURS[j % len(COLOURS)]
         ax.hlines(at, q["q05"], q["q95"], color=colour, linewidth=1.1)
         ax.hlines(at, q["q25"], q["q75"], color=colour, linewidth=4.5, alpha=0.45)
-        ax.plot(q["q50"], at, "|", color=colour, markersize=9, markeredgewidth=1.8, label=f"simulated, {kind}")
+        ax.plot(
+            q["q50"], at, MEDIANS[j % len(MEDIANS)], color=colour, markersize=9, markeredgewidth=1.8,
+            label=f"simulated, {kind}",
+        )  # fmt: skip
     first = rows.drop_duplicates("label")
     places = [labels.index(label) for label in first["label"]]
     ax.plot(first["printed"], places, linestyle="", marker=PRINTED_MARKER, color=PRINTED_COLOUR, markersize=8,

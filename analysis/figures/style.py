@@ -12,12 +12,19 @@ import io
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
+
+if TYPE_CHECKING:
+    from analysis.figures.several import Panels
+
+type Drawn = Axes | Panels | Figure
+"""What a plot function returns."""
 
 INK = "#1b1f24"
 FAINT = "#5b6470"
@@ -115,10 +122,44 @@ def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def to_svg(drawn: Axes | Figure) -> str:
-    """Write a figure as an SVG element: deterministic, without a date, metadata or XML declaration."""
-    figure = drawn.get_figure(root=True) if isinstance(drawn, Axes) else drawn
+TITLE_POINTS = 21.0
+"""Room that a title takes above its axes."""
+
+
+def above(ax: Axes, title: str = "", left: float = 0.0) -> dict[str, Any]:
+    """Where a legend stands above the axes, over the title if there is one.
+
+    In points, not in parts of the axes: where these are low, a part of them is less than a title is high.
+
+    Parameters
+    ----------
+    ax : Axes
+    title : str
+    left : float
+        Left end, in parts of the axes.
+    """
+    figure = ax.get_figure()
     assert figure is not None
+    shift = ScaledTranslation(0, (TITLE_POINTS if title else 0.0) / 72, figure.dpi_scale_trans)
+    return {
+        "loc": "lower left", "bbox_to_anchor": (left, 1.0), "bbox_transform": ax.transAxes + shift,
+        "borderaxespad": 0.2,
+    }  # fmt: skip
+
+
+def figure_of(drawn: Drawn) -> Figure:
+    """The whole figure that a plot is on."""
+    if isinstance(drawn, Figure):
+        return drawn
+    first: Axes = drawn if isinstance(drawn, Axes) else drawn.flat[0]
+    figure = first.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def to_svg(drawn: Drawn) -> str:
+    """Write a figure as an SVG element: deterministic, without a date, metadata or XML declaration."""
+    figure = figure_of(drawn)
     buffer = io.StringIO()
     with style():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
@@ -133,10 +174,9 @@ def to_svg(drawn: Axes | Figure) -> str:
     return re.sub(r"\n\s*", "\n", text).strip()
 
 
-def to_png(drawn: Axes | Figure, dpi: float = 200.0) -> bytes:
+def to_png(drawn: Drawn, dpi: float = 200.0) -> bytes:
     """Write a figure as a PNG picture: the same bytes for the same figure, no date or program named."""
-    figure = drawn.get_figure(root=True) if isinstance(drawn, Axes) else drawn
-    assert figure is not None
+    figure = figure_of(drawn)
     buffer = io.BytesIO()
     with style():
         figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from typing import Any
 
 from analysis.report.letters import each_with_its_own
@@ -43,5 +44,17 @@ def to_pdf(page: str) -> bytes:
     def refuse(url: str, *_: Any, **__: Any) -> Any:
         raise ValueError(f"the report is self-contained, yet it refers to {url}")
 
-    document: bytes = weasyprint.HTML(string=each_with_its_own(page), url_fetcher=refuse).write_pdf()
+    document: bytes = weasyprint.HTML(string=sized(each_with_its_own(page)), url_fetcher=refuse).write_pdf()
     return document
+
+
+def sized(page: str) -> str:
+    """Give every figure the size of its view box: without one, this renderer takes all to be twice as wide as high.
+
+    Examples
+    --------
+    >>> sized('<svg role="img" viewBox="0 0 30 20">')
+    '<svg role="img" width="30" height="20" viewBox="0 0 30 20">'
+    """
+    box = r'(<svg (?![^>]* width=)[^>]*?)viewBox="0 0 ([\d.]+) ([\d.]+)"'
+    return re.sub(box, r'\1width="\2" height="\3" viewBox="0 0 \2 \3"', page)

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as MplFigure
 
-from analysis.figures.style import style, to_svg
+from analysis.figures.style import Drawn, style, to_svg
 
 
 class NotSupported(Exception):
@@ -43,7 +41,7 @@ class Origin(Enum):
         return {"real": cls.REAL, "simulated": cls.SIMULATED}.get(kind, cls.UNSTATED)
 
 
-Drawing = Callable[[], Axes | MplFigure]
+type Drawing = Callable[[], Drawn]
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Figure:
         if not self.origin or not self.caption or not all(self.alt):
             raise ValueError(f"figure {self.key!r}: a caption, alternative texts and an origin are required")
 
-    def drawn(self) -> Iterator[Axes | MplFigure]:
+    def drawn(self) -> Iterator[Drawn]:
         """Draw every panel, one after the other."""
         for i, draw in enumerate(self.panels):
             try:

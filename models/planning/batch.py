@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.arrays import Array, Index
 from models.planning.grid_run import GridRun, blind_slots, new_run, solve_run
 from models.planning.grid_search import point_bytes
@@ -22,7 +22,7 @@ from models.planning.loading import load_kernels
 from models.planning.precision import relative_gap
 from models.planning.solution import TracePoint
 from models.planning.solver import GRID_STATES, MEMORY, solve, tidied, touching
-from models.spread_out import chunks, spread_out
+from models.spread_out import chunks, spread_out, threads_here
 from models.work_clock import WorkClock
 
 POINTS, SLOTS = 16_384, 4_096
@@ -50,7 +50,7 @@ class DrawSolution:
 
 
 @dataclass(frozen=True)
-class BatchSolution:
+class BatchSolution(NotebookView):
     """Solutions of all draws.
 
     Attributes
@@ -161,7 +161,10 @@ def solve_draws(
             (replace(batch, draws=even.some(span)), precision, time_limit, memory_limit)
             for span in chunks(len(batch), PORTION)
         ]
-        parts = spread_out(executor, _portion, pieces, progress)
+        parts = spread_out(
+            executor, _portion, pieces, progress,
+            names=lambda i: f"draws {i * PORTION} to {min((i + 1) * PORTION, len(batch)) - 1}",
+        )  # fmt: skip
         return BatchSolution(batch, sum(parts, ()), precision, clock.wall(), clock.compile_seconds)
     local = threading.local()
     first = batch.problem(0)
@@ -203,7 +206,7 @@ def solve_draws(
                 progress(done[0], len(batch))
         return solution
 
-    workers = threads or os.cpu_count() or 1
+    workers = threads or threads_here()
     with ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(one, d) for d in range(len(batch))]
         try:

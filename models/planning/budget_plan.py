@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.notebook_view import NotebookView
 from models.planning.budget_tree import BudgetTree
 from models.planning.charges import charges_of, check_budget, checked_charges, in_units
 from models.planning.exact import Decisions, responses_before
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class BudgetPlan:
+class BudgetPlan(NotebookView):
     """The best plan of a schedule within a budget.
 
     Attributes
@@ -83,7 +84,7 @@ class BudgetPlan:
         s = self.schedule
         return (
             f"The best plan for {s.letters} that never spends more than {self.budget:g} is worth {self.value:.4g} "
-            f"reward units (discount {s.discount:g}), starts with {self.first_action} and spends at most "
+            f"{s.unit} (discount {s.discount:g}), starts with {self.first_action} and spends at most "
             f"{self.most_spent:g}."
         )
 
@@ -129,7 +130,7 @@ def solve_with_budget(schedule: Schedule, budget: float, charges: ArrayLike | No
 
 
 @dataclass(frozen=True)
-class BudgetValues:
+class BudgetValues(NotebookView):
     """What the best plan is worth at every budget that may make a difference.
 
     Attributes
@@ -213,8 +214,8 @@ class BudgetValues:
             "some steps bring more per unit than earlier ones"
         )  # fmt: skip
         return (
-            f"Over {self.schedule.letters} the best plan is worth {free:.4g} reward units without spending and "
-            f"{gain:.4g} more with a budget of {self.enough:g}, beyond which no budget helps; {shape}."
+            f"Over {self.schedule.letters} the best plan is worth {free:.4g} {self.schedule.unit} without spending "
+            f"and {gain:.4g} more with a budget of {self.enough:g}, beyond which no budget helps; {shape}."
         )
 
 

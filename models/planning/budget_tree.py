@@ -10,7 +10,6 @@ amount: one walk serves all budgets.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from models.planning.charges import Units
 from models.planning.schedule import Array, Schedule
 from models.planning.schedule_tree import tree_tables
 from models.planning.summed_walk import PORTION
+from models.spread_out import threads_here
 
 Index = NDArray[np.int64]
 
@@ -116,7 +116,7 @@ class BudgetTree:
 
         rewards, mass = np.zeros(shape), np.zeros(shape[0])
         spans = [slice(i, min(i + PORTION, draws)) for i in range(0, draws, PORTION)]
-        with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
+        with ThreadPoolExecutor(threads_here()) as threads:
             # Added in the order of the draws: the sums do not depend on who is first.
             for r, m in map(portion, spans) if len(spans) == 1 else threads.map(portion, spans):
                 rewards += r

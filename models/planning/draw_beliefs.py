@@ -24,7 +24,7 @@ from models.model_draws import ModelDraws
 from models.planning.belief_check import IMPOSSIBLE
 from models.planning.policies import Vocabulary
 from models.protocol import Protocol
-from models.reward import Reward, default_x
+from models.reward import UNIT, Reward, default_x
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,10 @@ class DrawBeliefs:
         reward = d.reward or Reward(default_x(d.n_states))
         return {
             "protocol": d.protocol.to_dict(), "states": list(self.state_names),
-            "reward": {"x": list(reward.x), "r": reward.r, "costs": dict(reward.costs)},
+            "reward": {
+                "x": list(reward.x), "r": reward.r, "costs": dict(reward.costs),
+                **({} if reward.unit == UNIT else {"unit": reward.unit}),
+            },
             "weight": d.weight.tolist(), "initial": d.initial.tolist(), "transition": d.transition.tolist(),
             "emission": d.emission.tolist(), "impossible": self.impossible,
         }  # fmt: skip
@@ -203,7 +206,9 @@ def draw_beliefs(place: str, content: Any) -> DrawBeliefs:
     for name, cost in given["costs"].items():
         protocol.action(name)
         costs[name] = float(_table(f"{place}, reward, cost of {name}", cost, 0))
-    reward = Reward(tuple(x.tolist()), float(_table(f"{place}, reward, r", given.get("r"), 0)), costs)
+    reward = Reward(
+        tuple(x.tolist()), float(_table(f"{place}, reward, r", given.get("r"), 0)), costs, given.get("unit", UNIT)
+    )
     draws = ModelDraws(protocol, tables["initial"], tables["transition"], tables["emission"], tables["weight"],
                        {"source": place}, tuple(states), reward)  # fmt: skip
     return DrawBeliefs(draws, content.get("impossible", "error"))

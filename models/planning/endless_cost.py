@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from models.errors import located
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.planning.charges import charges_of, checked_charges, in_units
 from models.planning.controller import FiniteStateController, controller_of
 from models.planning.expected_cost import between
@@ -55,7 +56,7 @@ class PricedBound:
 
 
 @dataclass(frozen=True)
-class EndlessCostFrontier:
+class EndlessCostFrontier(NotebookView):
     """Value against expected discounted cost without a horizon, from below and from above.
 
     Attributes

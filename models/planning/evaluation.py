@@ -17,6 +17,7 @@ import numpy as np
 from models.errors import Phrase, located
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Policy, Vocabulary
 from models.planning.product_policy import ProductPolicy
@@ -27,7 +28,7 @@ MOST_HISTORIES = 1_000_000
 
 
 @dataclass(frozen=True)
-class ScheduleValue:
+class ScheduleValue(NotebookView):
     r"""What a policy does and is worth over a schedule; over draws, weighted means.
 
     Attributes

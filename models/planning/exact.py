@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.history_kernel import walk_tree
 from models.planning.schedule import Array, Event, Schedule
 from models.planning.schedule_tree import ScheduleTree, schedule_tree
@@ -25,7 +26,7 @@ Decisions = tuple[NDArray[np.int8], ...]
 
 
 @dataclass(frozen=True)
-class ExactPlan:
+class ExactPlan(NotebookView):
     """The best plan of a schedule.
 
     Attributes
@@ -78,7 +79,7 @@ class ExactPlan:
         fixed = all(len(set(level.tolist())) == 1 for level in self.decisions)
         waits = "never depends on the responses" if fixed else "depends on the responses"
         return (
-            f"The best plan for {s.letters} is worth {self.value:.4g} reward units (discount {s.discount:g}), "
+            f"The best plan for {s.letters} is worth {self.value:.4g} {s.unit} (discount {s.discount:g}), "
             f"starts with {self.first_action} and {waits}."
         )
 

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.budget_tree import BudgetTree
 from models.planning.charges import charges_of, checked_charges, in_units
 from models.planning.exact import Decisions
@@ -65,7 +66,7 @@ class CostPoint:
 
 
 @dataclass(frozen=True)
-class CostFrontier:
+class CostFrontier(NotebookView):
     """All corners of the value-cost frontier of a schedule, by rising cost.
 
     The first is the best plan that spends nothing, the last the cheapest of the best plans without a limit.
@@ -141,13 +142,13 @@ class CostFrontier:
         if len(self.points) == 1:
             return (
                 f"Over {self.schedule.letters} nothing worth its while costs anything: the best plan is worth "
-                f"{free.value:.4g} reward units and spends nothing."
+                f"{free.value:.4g} {self.schedule.unit} and spends nothing."
             )
         first = self.points[1]
         return (
             f"Over {self.schedule.letters} spending {full.cost:.4g} in expectation raises the value from "
-            f"{free.value:.4g} to {full.value:.4g} reward units; the first unit brings {first.highest_price:.3g}, "
-            f"the last {full.highest_price:.3g} ({len(self.points)} corners)."
+            f"{free.value:.4g} to {full.value:.4g} {self.schedule.unit}; the first unit brings "
+            f"{first.highest_price:.3g}, the last {full.highest_price:.3g} ({len(self.points)} corners)."
         )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.planning.policies import Array
 
 POINTS = 65
@@ -37,7 +38,7 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Explanation(NotebookView):
     """Why a policy does what it does.
 
     Attributes

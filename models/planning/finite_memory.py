@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from models.errors import InputError, Phrase, located
+from models.notebook_view import NotebookView
 from models.planning.belief_model import BeliefModel
 from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Index, Policy, Vocabulary
@@ -42,7 +43,7 @@ MOST_SWEEPS = 20_000
 
 
 @dataclass(frozen=True)
-class InfiniteValue:
+class InfiniteValue(NotebookView):
     r"""What a policy is worth without horizon.
 
     Attributes

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import Phrase, located
+from models.notebook_view import NotebookView
 from models.planning.belief_model import BeliefModel
 from models.planning.policies import Array, Index, Policy, Vocabulary, grouped
 from models.planning.problem import Problem
@@ -25,7 +26,7 @@ STREAM = 61
 
 
 @dataclass(frozen=True)
-class SimulatedValue:
+class SimulatedValue(NotebookView):
     r"""What a policy was worth in simulated runs.
 
     Attributes
@@ -50,6 +51,8 @@ class SimulatedValue:
         Share of the steps, discounted, of each action.
     returns : float64[run]
     """
+
+    _whose = "simulated"
 
     policy: str
     value: float

@@ -14,7 +14,7 @@ from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.mode_process import schedule_modes
 from models.protocol import Mode, Protocol
-from models.reward import Reward, default_x
+from models.reward import UNIT, Reward, default_x
 
 Array = NDArray[np.float64]
 
@@ -128,6 +128,11 @@ class Schedule:
     def reward(self) -> Array:
         """Reward of every action in every state, shape ``[a, s]``."""
         return (self.draws.reward or Reward(default_x(self.n_states))).table(self.protocol)
+
+    @property
+    def unit(self) -> str:
+        """What values and costs are in: the word of the draws' reward."""
+        return self.draws.reward.unit if self.draws.reward is not None else UNIT
 
     @property
     def costs(self) -> Array:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from models.notebook_view import NotebookView, View
 from models.planning.arrays import Array, Index
 from models.planning.precision import relative_gap
 from models.planning.problem import Problem
@@ -32,7 +33,7 @@ class TracePoint:
 
 
 @dataclass(frozen=True)
-class Solution:
+class Solution(NotebookView):
     r"""A policy and a proof of how good it is: :math:`\underline V \le V^\pi \le V^* \le \bar V` at the start.
 
     Attributes
@@ -106,3 +107,7 @@ class Solution:
             return text + "."
         kind = "relative" if self.relative else "absolute"
         return f"{text}. Not solved to the {kind} gap of {self.precision:g}: {self.status}."
+
+    def _view(self) -> View:
+        warnings = () if self.status == "converged" else (f"not solved to the precision asked for: {self.status}.",)
+        return View("Solution", "", warnings, (), (self.sentence,))

@@ -7,7 +7,6 @@ backwards from the sums. The work is linear in the draws however many there are.
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from models.planning.history_kernel import Array, history_sums
 from models.planning.schedule_tree import ScheduleTree
+from models.spread_out import threads_here
 
 PORTION = 512
 """Draws at a time."""
@@ -63,7 +63,7 @@ def summed_walk(tree: ScheduleTree) -> Chosen:
         return totals
 
     total = np.zeros(sum(sums))
-    with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
+    with ThreadPoolExecutor(threads_here()) as threads:
         # Added in the order of the draws: the sums do not depend on who is first.
         for totals in threads.map(portion, spans):
             total += totals

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.robust.block_smoother import block_words
 
 FEWEST_DRAWS = 100
@@ -23,7 +24,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class BlockWorth:
+class BlockWorth(NotebookView):
     """What it would be worth to know one block.
 
     Attributes
@@ -90,7 +91,7 @@ class BlockWorth:
 
 
 @dataclass(frozen=True)
-class PartialInformation:
+class PartialInformation(NotebookView):
     """What each block of the tables would be worth.
 
     Attributes

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import located
+from models.notebook_view import NotebookView, View, frame_rows
 from models.planning.exact import Decisions, responses_before
 from models.planning.schedule import Array, Schedule
 from models.robust.draw_groups import DrawGroups
@@ -36,7 +37,7 @@ SMALLEST_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
-class CautiousPlan:
+class CautiousPlan(NotebookView):
     r"""A mixture of plans: one is drawn before the first event and followed to the end.
 
     Attributes
@@ -103,6 +104,15 @@ class CautiousPlan:
         """The mixture readable: each plan's share, and what it does at each event after which responses."""
         mixed = sorted(zip(self.plans, self.share, strict=True), key=lambda x: -x[1])
         return [{"share": float(share), **plan_words(self.schedule, plan)} for plan, share in mixed]
+
+    def _view(self) -> View:
+        told = (
+            f"{len(self.plans)} plan{'s' * (len(self.plans) != 1)}, one drawn before the first event: worth "
+            f"{self.lower:.4g} by the criterion, no policy more than {self.upper:.4g}; mean over the "
+            f"draws {self.mean:.4g}."
+        )
+        warnings = () if self.certified else (f"the gap of {self.gap:.3g} is wider than was asked for.",)
+        return View("Cautious plan", "", warnings, (), (told,), (frame_rows(self.rows(), ".rows()"),))
 
 
 def plan_words(schedule: Schedule, plan: Decisions) -> dict[str, str]:

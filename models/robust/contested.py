@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from scipy.optimize import brentq
 
+from models.notebook_view import NotebookView
 from models.planning.exact import solve_schedule
 from models.planning.schedule import Array, Schedule
 from models.reward import Reward, default_x
@@ -30,7 +31,7 @@ WIDER = 4.0
 
 
 @dataclass(frozen=True)
-class Flip:
+class Flip(NotebookView):
     """Where the first decision of one mode flips.
 
     Attributes

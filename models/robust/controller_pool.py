@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.arrays import Array
 from models.planning.batch import BatchSolution
 from models.planning.latent import LatentBatch
@@ -47,7 +48,7 @@ SOUND = 1e-6
 
 
 @dataclass(frozen=True)
-class ControllerPool:
+class ControllerPool(NotebookView):
     r"""Controllers and what each is worth in every draw.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.planning.schedule import Array, Schedule
 from models.robust.cautious import CautiousPlan, cautious_plan
 from models.robust.plan_table import PlanTable
@@ -23,7 +24,7 @@ TOGETHER = 5
 
 
 @dataclass(frozen=True)
-class Frontier:
+class Frontier(NotebookView):
     r"""Best plans from the mean to the tail.
 
     Attributes

@@ -15,6 +15,7 @@ import numpy as np
 
 from models.errors import Phrase, located
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.planning.arrays import Array
 from models.planning.batch import BatchSolution
 from models.planning.mode_process import schedule_modes
@@ -72,7 +73,7 @@ class EventStability:
 
 
 @dataclass(frozen=True)
-class HistoryStability:
+class HistoryStability(NotebookView):
     """Decisions of all draws along a study.
 
     Attributes

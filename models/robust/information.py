@@ -15,6 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import ExactPlan, solve_schedule
@@ -31,7 +32,7 @@ SAME = 1e-12
 
 
 @dataclass(frozen=True)
-class PerfectInformation:
+class PerfectInformation(NotebookView):
     """What it would be worth to know the dynamics for certain.
 
     Attributes

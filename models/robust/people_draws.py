@@ -13,6 +13,7 @@ import numpy as np
 
 from models.errors import InputError
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.planning.exact import ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
 from models.population import offsets
@@ -69,7 +70,7 @@ def people_draws(posterior: Posterior, kinds: int = KINDS, *, thin: int | None =
 
 
 @dataclass(frozen=True)
-class Personal:
+class Personal(NotebookView):
     """What it is worth to learn whom the robot faces.
 
     Attributes

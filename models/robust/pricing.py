@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.schedule import Array, Schedule
@@ -72,7 +73,7 @@ class Price:
 
 
 @dataclass(frozen=True)
-class PriceList:
+class PriceList(NotebookView):
     """Plans side by side.
 
     Attributes
@@ -117,8 +118,8 @@ class PriceList:
             n for n in ("plug-in estimate", "posterior mean", "fixed sequence", "always", "never") if n in lost
         ]
         return (
-            f"{best.name} is worth {best.mean:.4g} reward units a person on average and {best.cvar:.4g} in the "
-            f"worst {100 * self.alpha:.3g}% of the draws; against never helping it gains {best.gain_mean:.3g} "
+            f"{best.name} is worth {best.mean:.4g} {self.schedule.unit} a person on average and {best.cvar:.4g} in "
+            f"the worst {100 * self.alpha:.3g}% of the draws; against never helping it gains {best.gain_mean:.3g} "
             f"(5% to 95% of the draws: {best.gain_q05:.3g} to {best.gain_q95:.3g}; better in "
             f"{best.gain_probability:.0%}). "
             "Lost by " + ", ".join(f"{n} {lost[n]:.2g}" for n in named) + "."

@@ -34,11 +34,9 @@ from models.robust.many_weights import ManyWeights
 from models.robust.plan_table import PlanTable
 from models.robust.study_data import counted_log_likelihood, history_probabilities, simulated_weights
 from models.robust.study_design import NextStudy
+from models.robust.study_room import PIECE, check_room
 from models.robust.study_worth import SampleInformation, Simulated, StudyWorth
 from models.spread_out import chunks, spread_out
-
-PIECE = 50
-"""Simulated data sets of every study that one call works on."""
 
 FOLDS = 4
 """Parts of the draws: plans are chosen without the part of the truth, and scored by it."""
@@ -120,10 +118,12 @@ def sample_information(
     ------
     InputError
         On studies of the same name or another protocol, sizes below 1, fewer than two replicates, a pool of another
-        schedule, or numbers for the net benefit that are none.
+        schedule, numbers for the net benefit that are none, or more histories and draws than there is time and
+        memory for (`models.robust.study_room`).
     """
     several = (studies,) if isinstance(studies, NextStudy) else tuple(studies)
     wanted = _checked(schedule, several, sizes, replicates, served, cost)
+    check_room(several, schedule.draws.n_draws, wanted, replicates)
     known = perfect_information(schedule, kinds=kinds, executor=executor) if perfect is None else perfect
     groups = known.groups
     if groups.kinds != kinds or len(groups) * kinds != schedule.draws.n_draws:

@@ -16,6 +16,7 @@ import numpy as np
 
 from models.errors import located
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.planning.exact import Decisions, ExactPlan
 from models.planning.schedule import Array, Schedule
 from models.robust.draw_groups import DrawGroups
@@ -86,7 +87,7 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Stability:
+class Stability(NotebookView):
     """All decisions of a plan.
 
     Attributes

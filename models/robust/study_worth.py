@@ -9,6 +9,7 @@ import numpy as np
 
 from models.errors import located
 from models.event_rules import one_of
+from models.notebook_view import NotebookView
 from models.planning.schedule import Array
 from models.robust.draw_error import controlled_mean
 
@@ -40,7 +41,7 @@ class Simulated(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StudyWorth:
+class StudyWorth(NotebookView):
     """One study of one size.
 
     Attributes
@@ -175,7 +176,7 @@ class StudyWorth:
 
 
 @dataclass(frozen=True)
-class SampleInformation:
+class SampleInformation(NotebookView):
     """What several studies of several sizes would be worth.
 
     Attributes

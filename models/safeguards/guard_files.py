@@ -24,6 +24,7 @@ from models.safeguards.influence import MinimumInfluence
 from models.safeguards.safeguard import Safeguard
 from models.safeguards.schedule_worth import ScheduleWorth
 from models.safeguards.worth import OwnWorth, VectorWorth, WorthSource
+from models.text_files import LARGEST_NUMBER
 
 Content = Mapping[str, Any]
 
@@ -152,7 +153,7 @@ def _entry(place: str, content: Content, key: str, kind: type) -> Any:
 
 
 def _number(place: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST_NUMBER:
         raise located(place, value, "a number")
     return float(value)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.planning.baselines import ModePolicy
 from models.planning.policies import Array, Policy
 from models.planning.schedule import Schedule
@@ -31,7 +32,7 @@ class Watched(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InfluenceReport:
+class InfluenceReport(NotebookView):
     """What safeguards change, by policy.
 
     Attributes
@@ -40,6 +41,8 @@ class InfluenceReport:
         By policy: without safeguards, with each alone, with all together.
     states, responses : tuple of str
     """
+
+    _units: ClassVar = {"cost": "unit of the charges", "influence": "moves a person"}
 
     runs: tuple[GuardedRun, ...]
     states: tuple[str, ...]
@@ -145,9 +148,6 @@ class InfluenceReport:
     def to_dict(self) -> dict[str, Any]:
         """Plain content."""
         return {"runs": self.rows(), "who": self.who_rows(), "changed_by": [r.changed_by for r in self.runs]}
-
-    def _repr_html_(self) -> str:
-        return f"<p>{self.sentence}</p>{self.table.to_html(index=False, float_format='{:.3g}'.format)}"
 
 
 def influence_report(

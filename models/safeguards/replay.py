@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import InputError, Phrase, located
+from models.notebook_view import NotebookView
 from models.runtime_course import Course
 from models.safeguards.audit import Chain, Finding, check_last_hash, read_chain
 from models.safeguards.consent import Consent
@@ -30,7 +31,7 @@ _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 
 
 @dataclass(frozen=True)
-class Audit:
+class Audit(NotebookView):
     """What a check of a log found.
 
     Attributes

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.planning.baselines import ModePolicy
 from models.planning.policies import Array
 from models.planning.schedule import Schedule
@@ -30,7 +31,7 @@ APART = 1e-9
 
 
 @dataclass(frozen=True)
-class Steps:
+class Steps(NotebookView):
     """What a policy is worth by the setting of one safeguard: each row holds from its setting up to the next.
 
     Attributes

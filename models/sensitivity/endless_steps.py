@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -82,6 +83,14 @@ class EndlessSteps:
         self.executor, self.progress = executor, progress
         self._batch = LatentBatch(draws, alternating(draws.protocol))
         self._local = threading.local()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What other processes need: neither who does the work nor the room that a thread works in."""
+        return {k: v for k, v in vars(self).items() if k not in ("executor", "progress", "_local")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Start with room of its own."""
+        vars(self).update(state, executor=None, progress=None, _local=threading.local())
 
     def decide(self, cases: Cases) -> Answers:
         """What the policy does in every case, as far as bounds prove it.

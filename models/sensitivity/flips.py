@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import located
+from models.notebook_view import NotebookView
 from models.robust.risk import weighted_quantiles
 from models.sensitivity.cases import Array, Cases, Decider, Index, Nodes
 from models.sensitivity.endless_kernel import OPEN
@@ -32,7 +33,7 @@ Setting = Callable[[Array, Index], Cases]
 
 
 @dataclass(frozen=True)
-class Flips:
+class Flips(NotebookView):
     """Where the decision of one step changes as one number moves through a range.
 
     Attributes

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from models.errors import located
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.protocol import Protocol
 from models.reward import Reward, default_x
 from models.sensitivity.cases import Answers, Array, Cases, Decider
@@ -170,7 +171,7 @@ class RewardGrid:
 
 
 @dataclass(frozen=True)
-class GridDecisions:
+class GridDecisions(NotebookView):
     """What the draws do in every cell of a grid, by one reading of the plan.
 
     Attributes

@@ -1,7 +1,5 @@
 """The report in a real browser: accessible by axe-core's rules, nothing cut, at desktop and phone width."""
 
-import shutil
-
 import pytest
 
 from analysis import fits
@@ -9,10 +7,11 @@ from analysis.report.build import build_report
 from analysis.report.compare import compare_report
 from models.protocol import PUBLISHED
 from tests.analysis.report_cases import data_set, little_effort, random_log
+from tests.browser import executable
 
 axe_playwright = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
-BROWSER = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
+# Asked before the reports are made, which takes longer than everything else.
+pytestmark = pytest.mark.skipif(executable() is None, reason="no chromium on this machine")
 WIDTHS = (1280, 390)
 
 
@@ -40,16 +39,6 @@ def pages(tmp_path_factory):
         "simulated_study1", str(out / "other.csv"), states="2", quick=True, out=out, parts=False
     )  # fmt: skip
     return {"report": report.html, "comparison": pair.html}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 def opened(browser, path, width):

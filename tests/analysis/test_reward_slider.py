@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -147,18 +146,6 @@ def test_the_whole_grid_covers_every_cell_once_in_its_shade(layers):
 
 
 # -- in a browser ----------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("no browser: chromium is not installed")
-    with api.sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield made
-        made.close()
-
-
 SET = """([layer, ...at]) => {
   const root = document.querySelector(".reward-slider");
   root.querySelector("select").value = layer;

@@ -1,8 +1,4 @@
-"""A study of short rounds, and a browser."""
-
-import shutil
-import sys
-from pathlib import Path
+"""A study of short rounds."""
 
 import pytest
 
@@ -51,18 +47,3 @@ def opened(tmp_path):
     yield make
     for study in studies:
         study.close()
-
-
-# Not for the whole session: a second driver, as other folders' tests start, cannot begin while this one runs.
-@pytest.fixture(scope="package")
-def browser():
-    """Chromium of the system, without a window."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next((p for p in ("chromium", "chromium-browser", "google-chrome") if shutil.which(p)), None)
-    if found is None:
-        pytest.skip("no chromium on this machine: the page cannot be tried in a browser")
-    options = ["--no-sandbox"] if sys.platform == "linux" else []
-    with sync_api.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=str(Path(shutil.which(found))), args=options)
-        yield running
-        running.close()

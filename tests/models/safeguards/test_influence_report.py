@@ -1,5 +1,6 @@
 """The influence report: exact sums against enumeration, other walks, and settings tried directly."""
 
+from html import unescape
 from itertools import product
 
 import numpy as np
@@ -152,7 +153,8 @@ def test_report(report):
     assert most["who"] in report.sentence or report.policies[0] != "always"
     assert "all safeguards together change" in report.sentence
     html = report._repr_html_()
-    assert html.startswith("<p>")
+    assert html.startswith("<div")
+    assert report.sentence in unescape(html)
     assert "<table" in html
     assert report.to_dict()["runs"][0]["policy"] == "exact plan by belief"
 

@@ -1,4 +1,4 @@
-"""The commands about stored fits: ``fits list``, ``fits clean``."""
+"""The commands about stored fits and results: ``fits list``, ``fits clean``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from analysis.fits_inventory import StoreEntry
 
 fits = typer.Typer(
-    help="Posteriors that were sampled before and are found again.\n\nExample: prosocial fits list",
+    help="Posteriors and results that were computed before and are found again.\n\nExample: prosocial fits list",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -21,7 +21,9 @@ fits = typer.Typer(
 
 @fits.command("list")
 def list_command(json: JsonOption = None, quiet: QuietOption = False, seed: SeedOption = DEFAULT_SEED) -> None:
-    """List what is in the store of fits, newest first, chains of interrupted runs too.
+    """List what is in the store: fits, chains of interrupted runs, results of reports; newest first.
+
+    Drawings of reports are counted only; --json names them.
 
     Example: prosocial fits list --json -
     """
@@ -30,8 +32,8 @@ def list_command(json: JsonOption = None, quiet: QuietOption = False, seed: Seed
 
     report = Report(json, quiet)
     found = entries()
-    for entry in found:
-        report.say(_line(entry))
+    for line in _lines(found):
+        report.say(line)
     for status in dict.fromkeys(entry.status for entry in found):
         report.say(f"{status}: {STATUS[status]}")
     report.say(f"{store_folder()}: {counted(len(found), 'entry', 'entries')}, {_size(found)}")
@@ -51,10 +53,10 @@ def clean_command(
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
 ) -> None:
-    """Remove stored fits: by default those that can never be used again.
+    """Remove stored fits and results: by default those that can never be used again.
 
-    These are fits made by other code or other versions, damaged files and half-written ones. Whatever is removed is
-    sampled anew when it is asked for.
+    These are fits and results made by other code or other versions, damaged files and half-written ones. Whatever
+    is removed is computed anew when it is asked for. Results beyond 1.5 GB go by themselves, longest unused first.
 
     Example: prosocial fits clean --older-than 30
     """
@@ -73,7 +75,8 @@ def clean_command(
                 remove(entry)
             except OSError as error:
                 raise InputError(f"{entry.path}: cannot be removed: {error.strerror}") from None
-        report.say(f"{'would remove' if dry_run else 'removed'} {_line(entry)}")
+    for line in _lines(chosen):
+        report.say(f"{'would remove' if dry_run else 'removed'} {line}")
     kept = len(found) - len(chosen)
     report.say(
         f"{store_folder()}: {counted(len(chosen), 'entry', 'entries')} ({_size(chosen)}) "
@@ -85,9 +88,21 @@ def clean_command(
     )  # fmt: skip
 
 
+def _lines(found: list[StoreEntry]) -> list[str]:
+    """One line an entry; one for all drawings of a status, of which a report has a hundred."""
+    lines = [_line(entry) for entry in found if entry.kind != "drawing"]
+    drawings = [entry for entry in found if entry.kind == "drawing"]
+    for status in dict.fromkeys(entry.status for entry in drawings):
+        own = [entry for entry in drawings if entry.status == status]
+        lines.append(f"{counted(len(own), 'drawing')} of reports  {_size(own)}  {status}")
+    return lines
+
+
 def _line(entry: StoreEntry) -> str:
     about = entry.about
     words = [entry.key, _date(entry), f"{entry.bytes / 1e6:.1f} MB", entry.status]
+    if "what" in about:
+        words.append(str(about["what"]))
     if "states" in about:
         words.append(f"{about.get('study', 'unknown study')}, {counted(about['states'], 'state')}")
     if "kappa" in about:
@@ -119,6 +134,6 @@ def _size(entries: list[StoreEntry]) -> str:
 
 def _to_dict(entry: StoreEntry) -> dict[str, Any]:
     return {
-        "key": entry.key, "status": entry.status, "bytes": entry.bytes, "modified": _date(entry),
-        "age_days": entry.age_days, "path": entry.path, **entry.about,
+        "key": entry.key, "kind": entry.kind, "status": entry.status, "bytes": entry.bytes,
+        "modified": _date(entry), "age_days": entry.age_days, "path": entry.path, **entry.about,
     }  # fmt: skip

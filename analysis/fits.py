@@ -11,6 +11,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -195,6 +196,10 @@ def _found_or_made(
         warnings.warn(f"{error}; the result is not in the store", NotKeptWarning, stacklevel=3)
     else:
         kept.forget()
+        # What later runs will read: results computed from it are then found by the same key
+        # (`analysis.stored_results`), which counts its names and settings with their types.
+        with suppress(InputError):
+            posterior = read_posterior(path)
     return StoredFit(posterior, path, key, False)
 
 

@@ -1,8 +1,9 @@
-"""What is in the store of fits, and clearing it away.
+"""What is in the store of fits and results, and clearing it away.
 
 A fit is found again only by the hash of everything that determined it, so one made by other code or other versions
 is never used again; neither is a damaged file or what a killed process left half written. An interrupted run's
-chains wait for the same command of the same code and versions.
+chains wait for the same command of the same code and versions. Results and drawings (`analysis.stored_results`) lie
+beside the fits and are told and cleared in the same way.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ import h5py
 
 from analysis import fits
 from analysis.kept_chains import ABOUT, discard, read_chain
+from analysis.stored_results import SUFFIX, made_by, read_about
+from analysis.stored_results import UNREADABLE as RESULT_UNREADABLE
 from models.bayesian_fit import EDITED
 from models.gate import Gate
 
@@ -47,7 +50,7 @@ LEFT_OVER_AFTER = 3600.0
 
 @dataclass(frozen=True)
 class StoreEntry:
-    """One fit, or the chains of an interrupted run.
+    """One fit, the chains of an interrupted run, a result or a drawing.
 
     Attributes
     ----------
@@ -61,7 +64,9 @@ class StoreEntry:
     about : mapping
         As far as they are known: ``study, states, kappa, engine, draws, tune, chains, seed, pins``, ``groups``
         (what tables differ by), ``hierarchical``, ``gate`` (whether passed), ``divergences``, ``max_rhat``; for an
-        interrupted run ``chains_done``.
+        interrupted run ``chains_done``; for a result or a drawing ``what, function``.
+    kind : str
+        ``fit``, ``result`` or ``drawing``.
     """
 
     path: Path
@@ -70,6 +75,7 @@ class StoreEntry:
     bytes: int
     modified: float
     about: dict[str, Any] = field(default_factory=dict)
+    kind: str = "fit"
 
     @property
     def age_days(self) -> float:
@@ -99,6 +105,8 @@ def _entry(path: Path) -> StoreEntry | None:
     if path.is_dir() and path.suffix == ".chains":
         return _chains_entry(path, stat.st_mtime)
     hidden = path.name.startswith(".")
+    if SUFFIX in path.suffixes and path.is_file():
+        return _result_entry(path, stat.st_size, stat.st_mtime, hidden)
     if not path.is_file() or (".nc" not in path.suffixes if hidden else path.suffix != ".nc"):
         return None
     if hidden:
@@ -122,6 +130,24 @@ def _entry(path: Path) -> StoreEntry | None:
     except UNREADABLE:
         return StoreEntry(path, path.stem, "damaged", stat.st_size, stat.st_mtime)
     return StoreEntry(path, path.stem, status, stat.st_size, stat.st_mtime, about)
+
+
+def _result_entry(path: Path, size: int, modified: float, hidden: bool) -> StoreEntry | None:
+    """A result or drawing: whether it would be found again."""
+    if hidden:
+        if time.time() - modified < LEFT_OVER_AFTER:
+            return None
+        return StoreEntry(path, path.name.split(".")[1], "left over", size, modified, kind="result")
+    try:
+        said = read_about(path)
+        maker = said["made_by"]
+        status = "ready" if maker == made_by(*maker["modules"]) else "outdated"
+    except ModuleNotFoundError:
+        status = "outdated"  # made by code that is no longer there
+    except (*UNREADABLE, *RESULT_UNREADABLE):
+        return StoreEntry(path, path.stem, "damaged", size, modified, kind="result")
+    about = {"what": said["what"], "function": said["function"]}
+    return StoreEntry(path, path.stem, status, size, modified, about, said["kind"])
 
 
 def _chains_entry(folder: Path, changed: float) -> StoreEntry | None:

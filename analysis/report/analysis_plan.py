@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import datetime
 import difflib
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from models.errors import InputError, Phrase, located
+from models.errors import Phrase, located
+from models.text_files import toml_of
 
 PLANNED, EXPLORATORY = "planned", "exploratory"
 _KEYS = ("title", "date", "where", "planned")
@@ -102,7 +102,7 @@ def read_analysis_plan(path: str | Path) -> AnalysisPlan:
         If the file cannot be read; on an unknown or missing key, an entry of the wrong kind, or a result twice.
     """
     place = str(path)
-    content = _read(Path(path))
+    content = toml_of(path, "analysis plan")
     _known(place, content, _KEYS)
     date = content.get("date")
     if not isinstance(date, datetime.date | str):
@@ -124,19 +124,6 @@ def read_analysis_plan(path: str | Path) -> AnalysisPlan:
             seen.add(key)
     where = _text(place, content, "where") if "where" in content else ""
     return AnalysisPlan(place, _text(place, content, "title"), date.isoformat()[:10], where, planned)
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such analysis plan") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
 def _entry(place: str, content: Any) -> Planned:

@@ -29,7 +29,7 @@ def appendix(context: ReportContext, outputs: Sequence[Output], plan: AnalysisPl
     """
     methods = (
         Text("Free to copy. It says what this report did; what it found is in the sections above.", "note"),
-        Text(methods_paragraph(context), "quote"),
+        Text(methods_paragraph(context, {output.block.key for output in outputs}), "quote"),
     )
     blocks: list[Block] = [Part("Methods, ready to quote", "methods", methods)]
     if plan is not None:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import datetime
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from analysis.datasets import DataSet
 from analysis.design import published
-from analysis.em_study import EmStudy, Progress, run_em
+from analysis.em_study import EmStudy, Progress
 from analysis.report.analysis_plan import AnalysisPlan
 from analysis.report.appendix import KEY as APPENDIX
 from analysis.report.appendix import appendix
 from analysis.report.context import ReportContext
 from analysis.report.drawings import Drawings
 from analysis.report.effort import Effort
+from analysis.report.fitting import fit_models
 from analysis.report.methods import methods_paragraph
 from analysis.report.output_map import output_map
 from analysis.report.parts import Written, check_parts_folder, write_parts
@@ -24,11 +25,12 @@ from analysis.report.pdf import to_pdf
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.render import PageHead, page_keys, render
 from analysis.report.section import Section
+from analysis.report.units import in_unit
+from analysis.stated_reward import Asked, StatedReward, stated_reward
+from analysis.stored_results import stored_result
 from analysis.study_selection import Selection, select
-from models.bootstrap import bootstrap_fit
-from models.events import EventLog
+from models.errors import located
 from models.model_files import write_bytes, write_text
-from models.parameters import Array
 
 HTML_NAME, PDF_NAME, PARTS_NAME = "report.html", "report.pdf", "parts"
 
@@ -51,6 +53,11 @@ class ReportResult:
         The fits behind it.
     seconds : float
         Wall time without compilation.
+    reward : StatedReward, optional
+        What a round is worth, where it was said for this report.
+    found, drawn_before : dict of str to bool
+        Of every result that costs more than a second, in words, and of every figure, by key: whether it was found
+        in the store (`analysis.stored_results`) rather than computed. The page is the same either way.
     """
 
     html: Path
@@ -60,6 +67,9 @@ class ReportResult:
     selection: Selection
     study: EmStudy
     seconds: float
+    reward: StatedReward | None = None
+    found: dict[str, bool] = field(default_factory=dict)
+    drawn_before: dict[str, bool] = field(default_factory=dict)
 
 
 def build_report(
@@ -74,6 +84,8 @@ def build_report(
     pdf: bool = False,
     parts: bool = False,
     plan: AnalysisPlan | None = None,
+    reward: Asked | None = None,
+    schedule: str | None = None,
     command: str = "",
     date: str | None = None,
     progress: Progress | None = None,
@@ -102,6 +114,11 @@ def build_report(
         Also write every table as CSV and LaTeX and every figure as SVG and PNG.
     plan : AnalysisPlan, optional
         Marks every figure and table as planned or exploratory.
+    reward : Reward, mapping of int to Reward, Measured, or ``measured``, optional
+        What a round is worth, for one number of states or several; ``measured``: the mean team tokens by state
+        (`analysis.stated_reward`). Without it only reports on the paper's protocol plan, with the printed reward.
+    schedule : str, optional
+        With a reward: letters of the rounds that are planned for; the most common ones of the data by default.
     command : str
         Printed in the report.
     date : str, optional
@@ -114,23 +131,35 @@ def build_report(
     Raises
     ------
     InputError
-        On an unknown condition or action, a planned result that the report does not have, a folder of other files
-        where the parts belong, or if a PDF is wanted and WeasyPrint is missing.
+        On an unknown condition or action, a reward for other numbers of states than those fitted, a planned result
+        that the report does not have, a folder of other files where the parts belong, or if a PDF is wanted and
+        WeasyPrint is missing.
     """
     started = time.perf_counter()
     wanted = states if states is None or isinstance(states, str) else ",".join(map(str, states))
     chosen = select(dataset, condition, wanted, pins)
     effort = Effort.of(quick)
     held = dict.fromkeys(chosen.pins)
-    study = fit_models(chosen.log, chosen.states, effort, pins=held, seed=seed, progress=progress)
+    if schedule is not None:
+        if reward is None:
+            raise located("schedule", schedule, "none: rounds are planned for where a reward is given")
+        chosen.log.protocol.modes_from_letters(schedule)
+    fitted = stored_result(
+        f"Baum-Welch, states {', '.join(map(str, chosen.states))}, and bootstraps", fit_models, chosen.log,
+        tuple(chosen.states), effort, pins=held, seed=seed, progress=progress,
+    )  # fmt: skip
+    study = replace(fitted.value, compile_seconds=0.0) if fitted.reused else fitted.value
+    stated = None if reward is None else stated_reward(reward, study, schedule)
     context = ReportContext(
         selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
-        date=date or datetime.date.today().isoformat(), progress=progress,
+        date=date or datetime.date.today().isoformat(), progress=progress, stated=stated,
     )  # fmt: skip
     folder = Path(out)
     if parts:
         check_parts_folder(folder / PARTS_NAME)
     made = tuple(entry.section(context) for entry in sections)
+    if stated is not None:
+        made = in_unit(made, stated.unit)
     if plan is not None:
         plan.check(page_keys(made))
     modules = {entry.key: entry.make.__module__ for entry in sections} | {APPENDIX: appendix.__module__}
@@ -147,40 +176,13 @@ def build_report(
         write_bytes(folder / PDF_NAME, pages)
     written = None
     if parts:
-        written = write_parts(output_map(made, modules, None if plan is None else plan.status), drawings,
-                              folder / PARTS_NAME, methods_paragraph(context))  # fmt: skip
+        told = methods_paragraph(context, {o.block.key for o in outputs})
+        status = None if plan is None else plan.status
+        written = write_parts(output_map(made, modules, status), drawings, folder / PARTS_NAME, told)
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds
     return ReportResult(
-        folder / HTML_NAME, folder / PDF_NAME if pdf else None, written, made, chosen, study, seconds
-    )
-
-
-def fit_models(
-    log: EventLog,
-    states: Sequence[int],
-    effort: Effort,
-    *,
-    pins: Mapping[str, Array | None],
-    seed: int,
-    progress: Progress | None = None,
-) -> EmStudy:
-    """Fit every number of states, the published procedure beside, and bootstrap what is shown in full."""
-    study = run_em(
-        log, states, settings=lambda k: effort.search(k, pins, seed), pins=pins, seed=seed, with_paper=True,
-        progress=progress,
+        folder / HTML_NAME, folder / PDF_NAME if pdf else None, written, made, chosen, study, seconds, stated,
+        {fitted.what: fitted.reused, **context.found}, drawings.found,
     )  # fmt: skip
-    bootstraps = {}
-    for k in study.states:
-        if k not in (4, study.best_by_bic):
-            continue
-
-        def tell(done: int, total: int, k: int = k) -> None:
-            if progress is not None:
-                progress(f"bootstrap, {k} states", done, total)
-
-        bootstraps[k] = bootstrap_fit(
-            effort.for_bootstrap(study.fits[k]), log, effort.replicates_for(log, k), seed=seed, progress=tell
-        )
-    return replace(study, bootstraps=bootstraps)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.datasets import DataSet
 from analysis.em_study import EmStudy, Progress, run_em
 from analysis.figures.side_by_side import entries_side_by_side, plans_exchanged, rates_side_by_side
 from analysis.figures.style import spoken
@@ -30,7 +31,7 @@ from analysis.report.parts import Written, check_parts_folder, write_parts
 from analysis.report.render import PageHead, render
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Section, Table, Text, attempt
 from analysis.response_rates import measure_name, measure_range
-from analysis.side_by_side import Side, data_side, fit_side, is_fit, shared_states, states_for
+from analysis.side_by_side import Side, data_side, fit_side, is_fit, name_of, shared_states, states_for
 from analysis.wording import counted
 from models.baum_welch import BaumWelch
 from models.bootstrap import bootstrap_fit
@@ -73,7 +74,7 @@ class CompareResult:
 
 
 def compare_report(
-    a: str, b: str, *, states: str | None = None, condition: Sequence[str] | None = None,
+    a: str | DataSet, b: str | DataSet, *, states: str | None = None, condition: Sequence[str] | None = None,
     pins: Sequence[str] | None = None, schedule: str | None = None, seed: int = 1, quick: bool = False,
     out: str | Path = "reports/build", parts: bool = False, protocol: Protocol | None = None, command: str = "",
     date: str | None = None, progress: Progress | None = None,
@@ -82,8 +83,8 @@ def compare_report(
 
     Parameters
     ----------
-    a, b : str
-        A registered data set, an event file, or a fit (netCDF).
+    a, b : str or DataSet
+        A registered data set, an event file, a fit (netCDF), or a data set as it is, with its card.
     states : str, optional
         Numbers of states to fit data sets with; those of a fit on the other side, else the cards'.
     condition, pins : sequence of str, optional
@@ -108,8 +109,9 @@ def compare_report(
     folder = Path(out)
     if parts:
         check_parts_folder(folder / PARTS_NAME)
-    if a == b:
-        raise InputError(f"--compare: found {a!r} twice, two different ones were wanted")
+    # Event logs do not compare with ==: two data sets are the same if they are one object.
+    if a is b or (isinstance(a, str) and isinstance(b, str) and a == b):
+        raise InputError(f"--compare: found {name_of(a)!r} twice, two different ones were wanted")
     effort = Effort.of(quick)
     wanted = states_for(a, b, states)
 
@@ -124,9 +126,9 @@ def compare_report(
         return EmStudy(log, study.fits, {}, study.identifications, boots, study.seconds, study.compile_seconds)
 
     sides = tuple(
-        fit_side(label, name, protocol) if is_fit(name)
-        else data_side(label, name, fit, states=wanted, condition=condition, pins=pins, protocol=protocol)
-        for label, name in (("A", a), ("B", b))
+        fit_side(label, source, protocol) if isinstance(source, str) and is_fit(source)
+        else data_side(label, source, fit, states=wanted, condition=condition, pins=pins, protocol=protocol)
+        for label, source in (("A", a), ("B", b))
     )  # fmt: skip
     both = shared_states(*sides)
     make = _Comparison((sides[0], sides[1]), both, effort, seed, schedule, progress)

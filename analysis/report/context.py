@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
@@ -13,6 +13,8 @@ from analysis.em_study import EmStudy, Progress
 from analysis.fits import stored_fit
 from analysis.report.effort import Effort
 from analysis.report.section import Origin
+from analysis.stated_reward import StatedReward
+from analysis.stored_results import found_or_made, stored_result
 from analysis.study_selection import Selection
 from models.events import EventLog
 from models.parameters import STICKY, DirichletPrior
@@ -44,6 +46,10 @@ class ReportContext:
     date : str
     progress : callable, optional
         Called with (what is running, done, total).
+    stated : StatedReward, optional
+        What a round is worth, where it was said for this report; else the printed reward, for the paper's protocol.
+    found : dict of str to bool
+        What costs more than a second, in words, and whether it was found in the store rather than computed.
     """
 
     selection: Selection
@@ -54,6 +60,8 @@ class ReportContext:
     command: str
     date: str
     progress: Progress | None = None
+    stated: StatedReward | None = None
+    found: dict[str, bool] = field(default_factory=dict, repr=False, compare=False)
     _posteriors: dict[tuple[int, float], Posterior] = field(default_factory=dict, repr=False, compare=False)
 
     def posterior(self, states: int, kappa: float = STICKY.stay) -> Posterior:
@@ -65,12 +73,45 @@ class ReportContext:
         if key not in self._posteriors:
             label = f"posterior, {states} state{'s' * (states != 1)}, kappa {kappa:g}"
             tell = self.progress
-            self._posteriors[key] = stored_fit(
+            stored = stored_fit(
                 self.log, log_digest(self.log), states, prior=DirichletPrior(stay=kappa),
                 pins=dict.fromkeys(self.pins), sampler=self.effort.sampler(self.seed, kappa == STICKY.stay),
                 progress=None if tell is None else lambda _, done, total: tell(label, done, total),
-            ).posterior  # fmt: skip
+            )  # fmt: skip
+            self.found[label] = stored.reused
+            self._posteriors[key] = stored.posterior
         return self._posteriors[key]
+
+    def kept[**P, R](self, what: str, function: Callable[P, R], *args: P.args, **keywords: P.kwargs) -> R:
+        """What a function returns, found in the store or computed and kept (`analysis.stored_results`).
+
+        Parameters
+        ----------
+        what : str
+            The result in words, unlike any other of the report.
+        function : callable
+        *args, **keywords
+            Its arguments.
+        """
+        stored = stored_result(what, function, *args, **keywords)
+        self.found.setdefault(what, stored.reused)  # a part that asks again finds what this report computed
+        return stored.value
+
+    def kept_from[R](
+        self, what: str, make: Callable[[], R], function: Callable[..., Any], given: Mapping[str, Any],
+        modules: Iterable[str] = (),
+    ) -> R:  # fmt: skip
+        """The same, of a function that takes functions: `given` is everything that determines the result.
+
+        Parameters
+        ----------
+        what : str
+        make, function, given, modules
+            As in `analysis.stored_results.found_or_made`.
+        """
+        stored = found_or_made(what, make, function, given, modules=modules)
+        self.found.setdefault(what, stored.reused)  # a part that asks again finds what this report computed
+        return stored.value
 
     @property
     def data(self) -> DataSet:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from analysis.report.section import Block, Figure, Part, Section, Table
+from analysis.report.units import original
 
 PLOTS = "analysis.figures."
 """Where plot functions live."""
@@ -93,7 +94,7 @@ def plot_functions(figure: Figure) -> list[str]:
     They are read off the panels' code, not off a list that somebody has to keep.
     """
     found: dict[str, None] = {}
-    for panel in figure.panels:
+    for panel in map(original, figure.panels):
         for name in _called(panel, set(), _root(panel)):
             found.setdefault(name)
     return list(found)

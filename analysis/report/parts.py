@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -49,6 +50,10 @@ SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "|": "$|$",
 }  # fmt: skip
+
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""How a cell begins that spreadsheets take for a formula."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +152,26 @@ def _table(table: Table, number: int, folder: Path) -> list[str]:
 
 def _csv(frame: pd.DataFrame) -> str:
     buffer = io.StringIO()
-    frame.to_csv(buffer, index=False, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+    safe = frame.map(no_formula).set_axis([no_formula(c) for c in frame.columns], axis=1)
+    safe.to_csv(buffer, index=False, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
     return buffer.getvalue()
+
+
+def no_formula(value: Any) -> Any:
+    """A cell that a spreadsheet does not run: text that begins as a formula does gets an apostrophe before it.
+
+    Examples
+    --------
+    >>> [no_formula(v) for v in ("=1+1", "-2.5", "help", -1.5, "@SUM(A1)", "- none")]
+    ["'=1+1", '-2.5', 'help', -1.5, "'@SUM(A1)", "'- none"]
+    """
+    if not isinstance(value, str) or not value.startswith(FORMULA):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
 
 
 def latex(table: Table) -> str:
@@ -178,7 +201,9 @@ def latex(table: Table) -> str:
         lines.append(" & ".join(spans) + r" \\")
     if not table.facts:
         lines += [" & ".join(head) + r" \\", r"\midrule"]
-    lines += [" & ".join(escaped(cell["text"]) for cell in row) + r" \\" for row in rows(table)]
+    # A bracket after the end of a row would be read as the space to leave there.
+    texts = [" & ".join(escaped(cell["text"]) for cell in row) for row in rows(table)]
+    lines += [("{}" if text.startswith("[") else "") + text + r" \\" for text in texts]
     lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}"]
     return "\n".join(lines) + "\n"
 

@@ -99,7 +99,7 @@ def test_an_interrupted_run_keeps_complete_chains_and_goes_on(engine, log, own_s
         return original(target, chain, *rest)
 
     monkeypatch.setattr(chains, "sample_chain", interrupted)
-    monkeypatch.setattr(chains.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
     with pytest.raises(KeyboardInterrupt):
         fits.stored_fit(log, digest, 2, engine=engine, sampler=SHORT)
     kept = sorted(p.name for p in own_store.rglob("*.npz"))
@@ -417,7 +417,7 @@ def test_an_edited_model_is_found_again_and_goes_on(log, own_store, monkeypatch)
         return original(target, chain, *rest)
 
     monkeypatch.setattr(chains, "sample_chain", interrupted)
-    monkeypatch.setattr(chains.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
     with pytest.raises(KeyboardInterrupt):
         fits.stored_fit_model(informed(log), log, digest, 2, sampler=SHORT)
     assert [(e.status, e.about["chains_done"]) for e in entries()] == [("interrupted", 1)]

@@ -27,7 +27,8 @@ DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
     "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
-    "power", "reward", "plan", "robust", "sensitivity", "safeguards", "study2", "evidence", "limits", "appendix",
+    "power", "reward", "plan", "robust", "sensitivity", "safeguards", "study2", "paper", "evidence", "limits",
+    "appendix",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 
@@ -147,9 +148,11 @@ def test_every_figure_and_table_states_its_origin(which, request):
 
 def test_printed_numbers_stand_apart(bundled, page):
     cells = re.findall(r"<t[dh]([^>]*)>([^<]*)</t[dh]>", page)
-    assert [attrs for attrs, text in cells if text == "−560.23"] == [' class="number printed"']
+    found = [attrs for attrs, text in cells if text == "−560.23"]
+    assert found.count(' class="number printed"') == 1
+    assert set(found) == {' class="number printed"', ' class="printed"'}
     columns = [t for s in bundled.sections for t in s.tables if t.printed]
-    assert {t.key for t in columns} == {
+    assert {t.key for t in columns if not t.key.startswith("paper-")} == {
         "conditions", "criteria", "reward-values", "regression-sources", "anova-printed", "anova-printed-tukey",
         "power-sizes", "study2-anova", "study2-claims-table", "study2-tukey-team-performance",
         "study2-tukey-observation", "study2-game-table", "sensitivity-findings-2", "sensitivity-findings-4",
@@ -225,6 +228,7 @@ def test_reports_of_real_effort_have_every_section_too(tmp_path, monkeypatch):
         "sensitivity",
         "safeguards",
         "study2",
+        "paper",
         "evidence",
         "regression",
         "power",
@@ -245,6 +249,7 @@ def test_general_protocol(general):
         "sensitivity",
         "safeguards",
         "study2",
+        "paper",
         "evidence",
         "regression",
         "power",
@@ -446,9 +451,11 @@ def test_text_of_a_card_is_escaped(small, tmp_path):
     assert "<script" not in made.html.read_text(encoding="utf-8")
 
 
-def test_same_seed_same_bytes_apart_from_the_date(small, tmp_path):
+def test_same_seed_same_bytes_apart_from_the_date(small, tmp_path, monkeypatch):
     pages = []
     for i, date in enumerate((DATE, "2027-02-01")):
+        # Computed twice, not found in the store.
+        monkeypatch.setattr(fits, "store_folder", lambda i=i: tmp_path / f"store{i}")
         made = build_report(small, states="2", quick=True, out=tmp_path / str(i), date=date)
         pages.append(made.html.read_text(encoding="utf-8"))
     assert pages[0] != pages[1]

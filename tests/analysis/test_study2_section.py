@@ -1,8 +1,6 @@
 """The report's section on study 2."""
 
 import json
-import shutil
-import sys
 
 import numpy as np
 import pytest
@@ -153,25 +151,20 @@ def test_the_game_beside_the_paper(shown):
     assert "The game was measured." in shown.sentences
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
-def test_tables_are_no_wider_than_a_narrow_page(shown, pages):
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    options = ["--no-sandbox"] if sys.platform == "linux" else []
-    with sync_api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=options)
-        tab = browser.new_page(viewport={"width": 904, "height": 800})
-        tab.goto((pages / "report.html").as_uri())
-        tab.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true })")
-        widths = tab.evaluate(
-            "Array.from(document.querySelectorAll('.table .scroll'), "
-            "part => [part.parentNode.id, part.scrollWidth, part.clientWidth])"
-        )
-        keys = {own.key for own in shown.tables}
-        assert keys <= {key for key, *_ in widths}
-        assert not [key for key, table_width, room in widths if key in keys and table_width > room]
-        tab.set_viewport_size({"width": 390, "height": 800})
-        assert tab.evaluate("document.documentElement.scrollWidth") == 390  # tables scroll, the page does not
-        browser.close()
+def test_tables_are_no_wider_than_a_narrow_page(browser, shown, pages):
+    tab = browser.new_page(viewport={"width": 904, "height": 800})
+    tab.goto((pages / "report.html").as_uri())
+    tab.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true })")
+    widths = tab.evaluate(
+        "Array.from(document.querySelectorAll('.table .scroll'), "
+        "part => [part.parentNode.id, part.scrollWidth, part.clientWidth])"
+    )
+    keys = {own.key for own in shown.tables}
+    assert keys <= {key for key, *_ in widths}
+    assert not [key for key, table_width, room in widths if key in keys and table_width > room]
+    tab.set_viewport_size({"width": 390, "height": 800})
+    assert tab.evaluate("document.documentElement.scrollWidth") == 390  # tables scroll, the page does not
+    tab.close()
 
 
 def test_every_policy_and_figure_is_there(shown):

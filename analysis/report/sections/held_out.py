@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis import held_out_contenders
 from analysis import response_rates as rates
 from analysis.datasets import log_digest
 from analysis.figures.held_out import held_out_by_round, held_out_rates
@@ -81,19 +82,32 @@ def _part(context: ReportContext, by: str, title: str) -> list[Block]:
     except InputError as error:
         return [Omitted(title, str(error))]
 
+    plain = context.effort.sampler(context.seed, main=False)
+    traits, differing = (replace(plain, draws=n, tune=500) for n in (TRAIT_DRAWS, DIFFERING_DRAWS))
+    pins, states = dict.fromkeys(context.pins), context.shown_states
+    offset = PersonOffset() if affordable(log, by) else None
+
     def fitter(rest: EventLog, k: int, held: Mapping[str, Array | None], people: PersonOffset | None) -> Posterior:
-        sampler = context.effort.sampler(context.seed, main=False)
-        if people is not None:
-            sampler = replace(sampler, draws=DIFFERING_DRAWS if k > 1 else TRAIT_DRAWS, tune=500)
+        sampler = plain if people is None else differing if k > 1 else traits
         return stored_fit(rest, log_digest(rest), k, pins=held, people=people, sampler=sampler).posterior
 
-    contenders = standard_contenders(
-        log, context.shown_states, pins=dict.fromkeys(context.pins), fitter=fitter,
-        people=PersonOffset() if affordable(log, by) else None, seed=context.seed,
+    def predict() -> HeldOut:
+        contenders = standard_contenders(
+            log, states, pins=pins, fitter=fitter, people=offset, seed=context.seed
+        )  # fmt: skip
+        return held_out(
+            log, contenders, by, seed=context.seed, kind=context.data.card.kind, progress=context.progress
+        )
+
+    given = {
+        "log": log, "by": by, "states": states, "pins": pins, "people": offset, "seed": context.seed,
+        "kind": context.data.card.kind, "samplers": (plain, traits, differing),
+        "particles": [vars(held_out_contenders)[n] for n in ("LETTING_IN", "HIERARCHICAL_PARTICLES")],
+    }  # fmt: skip
+    result = context.kept_from(
+        f"every {by} left out in turn", predict, held_out, given,
+        modules=(standard_contenders.__module__, stored_fit.__module__),
     )  # fmt: skip
-    result = held_out(
-        log, contenders, by, seed=context.seed, kind=context.data.card.kind, progress=context.progress
-    )
     return [Part(title, f"held-out-by-{by}", blocks(result, log.protocol, context.origin))]
 
 

@@ -35,9 +35,15 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     if context.log.n_participants < 10:
         raise NotSupported("fewer than 10 people say nothing about how much people differ")
     smallest = min((k for k in context.shown_states if k > 1), default=2)
-    result = people_study(
-        context.log, (1, smallest), partial(_learn, context), draws=context.effort.simulated_studies,
-        seed=context.seed,
+    states, draws = (1, smallest), context.effort.simulated_studies
+    learned = {(k, offset): _learn(context, k, offset) for k in states for offset in (None, PersonOffset())}
+
+    def compared() -> PeopleStudy:
+        return people_study(context.log, states, lambda *which: learned[which], draws=draws, seed=context.seed)
+
+    result = context.kept_from(
+        "people who differ beside people who do not", compared, people_study,
+        {"log": context.log, "learned": learned, "draws": draws, "seed": context.seed},
     )  # fmt: skip
     return blocks(context, result)
 

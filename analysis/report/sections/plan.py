@@ -15,8 +15,11 @@ from analysis.figures.style import spoken
 from analysis.learned_policy import LearnedPolicy, learned_policy
 from analysis.policy_study import LEARNED, OPTIMAL, SIMULATED_RUNS, belief_paths
 from analysis.report.context import ReportContext
+from analysis.report.own_reward import planned_states, rewarded_model, rounds_of, title_of, want_reward
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.response_rates import measure_name
 from analysis.simulate import STUDY1_NAME, calibrated_truth
+from analysis.stated_reward import letters_in_words
 from analysis.wording import counted
 from models.lspomdp import LatentStatePOMDP
 from models.planning.baselines import baselines
@@ -35,18 +38,12 @@ SHOWN = ("never", "always", "reactive")
 
 def make(context: ReportContext) -> tuple[Block, ...]:
     """One part for each number of states that is shown in full."""
-    if not context.is_published_protocol:
-        raise NotSupported(
-            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `plan` takes "
-            "model files with a reward of their own"
-        )
-    shown = sorted(context.shown_states, reverse=True)
+    want_reward(context)
+    shown = planned_states(context)
     parts = []
     for k in shown:
-        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
-        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         blocks = attempt("plans", partial(_model, context, k))
-        parts.append(Part(title, f"plan-{k}", blocks, folded=k != shown[0]))
+        parts.append(Part(title_of(context, k), f"plan-{k}", blocks, folded=k != shown[0]))
     return (*_introduction(context), *parts)
 
 
@@ -54,12 +51,17 @@ def _introduction(context: ReportContext) -> tuple[Block, ...]:
     printed = context.published["reward"]
     text = (
         "This section takes the tables of the section The learned model as if they were true and asks which way of "
-        "acting is worth most. How far the tables may be off is the business of the section How sure are we? The "
-        "reward is the paper's definition, not a finding: a round is worth the state of the person, less "
-        f"{printed['cost_help']:g} for an act of help and {printed['cost_signal']:g} for a signal. Values are in "
-        "reward units, and with different numbers of states in different currencies: only four states have printed "
-        "scores."
+        "acting is worth most. How far the tables may be off is the business of the section How sure are we? "
     )
+    if context.stated is not None:
+        text += f"{context.stated.sentence} Values are in reward units."
+    else:
+        text += (
+            "The reward is the paper's definition, not a finding: a round is worth the state of the person, less "
+            f"{printed['cost_help']:g} for an act of help and {printed['cost_signal']:g} for a signal. Values are "
+            "in reward units, and with different numbers of states in different currencies: only four states have "
+            "printed scores."
+        )
     blocks = [Text(text)]
     truth = known_truth(context)
     if truth is not None:
@@ -73,8 +75,13 @@ def _introduction(context: ReportContext) -> tuple[Block, ...]:
 
 
 def known_truth(context: ReportContext) -> LatentStatePOMDP | None:
-    """The truth that the data were drawn from, if it comes with them."""
-    return calibrated_truth() if context.data.card.name == STUDY1_NAME else None
+    """The truth that the data were drawn from, if it comes with them and has this report's reward."""
+    if context.data.card.name != STUDY1_NAME:
+        return None
+    truth = calibrated_truth()
+    if context.stated is None:
+        return truth
+    return context.stated.of_model(truth) if truth.n_states in context.stated.states else None
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
@@ -86,7 +93,10 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     if null:
         raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
     runs = QUICK_RUNS if context.effort.quick else SIMULATED_RUNS
-    learned = learned_policy(fit.model, unseen, truth=known_truth(context), seed=context.seed, runs=runs)
+    learned = context.kept(
+        f"plan of the estimate, {counted(k, 'state')}", learned_policy, rewarded_model(context, k), unseen,
+        rounds_of(context), truth=known_truth(context), seed=context.seed, runs=runs,
+    )  # fmt: skip
     blocks: list[Block] = []
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
@@ -114,7 +124,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     blocks += _rounds(context, learned, k)
     blocks += _endless(context, learned, k)
     x = tuple(fit.model.reward.x)
-    if x != PUBLISHED_X:
+    if x != PUBLISHED_X and context.stated is None:
         blocks.append(_reward(context, x, fit.model.state_names, k))
     return tuple(blocks)
 
@@ -124,8 +134,8 @@ def _rounds(context: ReportContext, learned: LearnedPolicy, k: int) -> tuple[Blo
     study = learned.study
     letters = study.plan.schedule.letters
     text = (
-        f"The study as it is run: {len(letters)} rounds {letters} (H: the human may help), nothing discounted, "
-        f"found exactly. {spoken(study.sentence)}"
+        f"The study as it is run: {len(letters)} rounds {letters} ({letters_in_words(context.protocol)}), nothing "
+        f"discounted, found exactly. {spoken(study.sentence)}"
     )
     return (
         Text(text), *_verdict(learned), _values(context, learned, k), _actions(context, learned, k),
@@ -159,11 +169,12 @@ def _values(context: ReportContext, learned: LearnedPolicy, k: int) -> Table:
             for name, v in inside.items()
         ]
     ).sort_values("value", ascending=False, kind="stable", ignore_index=True, key=lambda v: v.round(9))
-    headings = {"value": "value", "help": "help rate", "costly": "costly actions", "cost": "their cost"}
+    rate = measure_name(context.protocol)
+    headings = {"value": "value", "help": rate, "costly": "costly actions", "cost": "their cost"}
     formats = {"value": ",.1f", "help": ".3f", "costly": ".2f", "cost": ",.1f"}
     caption = (
-        f"Policies over {learned.study.plan.schedule.letters}, exact. Help rate: share of the rounds in which the "
-        "person could help the robot and does. Columns under the learned model: what it promises"
+        f"Policies over {learned.study.plan.schedule.letters}, exact. {_rate_words(context, rate)} Columns under "
+        "the learned model: what it promises"
     )
     groups: tuple[tuple[str, int], ...] = (("", 1), ("if the learned model is true", 4))
     origin: tuple[Origin, ...] = (context.origin,)
@@ -174,7 +185,7 @@ def _values(context: ReportContext, learned: LearnedPolicy, k: int) -> Table:
             frame.loc[len(frame)] = {"policy": BEST_IN_TRUTH}
         for column, field in (("t_value", "value"), ("t_help", "help_rate"), ("t_costly", "costly_actions")):
             frame[column] = [getattr(outside[name], field) for name in frame["policy"]]
-        headings |= {"t_value": "value", "t_help": "help rate", "t_costly": "costly actions"}
+        headings |= {"t_value": "value", "t_help": rate, "t_costly": "costly actions"}
         formats |= {"t_value": ",.1f", "t_help": ".3f", "t_costly": ".2f"}
         groups = (*groups, ("in the truth behind the simulation", 3))
         caption += "; in the truth: what would happen"
@@ -182,6 +193,12 @@ def _values(context: ReportContext, learned: LearnedPolicy, k: int) -> Table:
     return Table(
         f"plan-values-{k}", frame, f"{caption}.", origin, headings=headings, formats=formats, groups=groups
     )  # fmt: skip
+
+
+def _rate_words(context: ReportContext, rate: str) -> str:
+    if context.is_published_protocol:
+        return "Help rate: share of the rounds in which the person could help the robot and does."
+    return f"{rate[0].upper()}{rate[1:]}: over the rounds that show a response."
 
 
 def _actions(context: ReportContext, learned: LearnedPolicy, k: int) -> Table:

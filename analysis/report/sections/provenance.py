@@ -30,6 +30,16 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
+def _reward(context: ReportContext) -> str:
+    if context.stated is not None:
+        return context.stated.sentence
+    return (
+        "the paper's (section The reward)"
+        if context.is_published_protocol
+        else "none: nobody said what a round is worth"
+    )
+
+
 def _data(context: ReportContext) -> Table:
     card, log, whole = context.data.card, context.log, context.data.log
     selection = "all conditions"
@@ -57,6 +67,7 @@ def _data(context: ReportContext) -> Table:
         ),
         ("protocol", context.protocol.name),
         ("actions held fixed", pins),
+        ("reward that plans are made for", _reward(context)),
         ("taken from the data card", ", ".join(context.selection.from_card) or "nothing"),
         ("seed", str(context.seed)),
         ("report made", context.date),

@@ -9,15 +9,25 @@ import pandas as pd
 from analysis.figures.information import information_by_block, information_by_people
 from analysis.figures.robust import caution, plan_comparison, stability_tree, value_distributions
 from analysis.figures.style import spoken
-from analysis.next_studies import Asked, published_studies
-from analysis.policy_study import STUDY2
+from analysis.next_studies import Asked, next_rounds, own_studies, published_studies
 from analysis.report.context import ReportContext
+from analysis.report.own_reward import (
+    planned_states,
+    rewarded_draws,
+    rewarded_model,
+    rounds_in_words,
+    rounds_of,
+    title_of,
+    want_reward,
+)
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
 from analysis.report.sections.robust_endless import endless_blocks
 from analysis.robust_study import RobustStudy, robust_study
 from analysis.wording import counted
+from models.model_draws import ModelDraws
 from models.planning.schedule import Schedule
 from models.robust.cautious import acting_words
+from models.robust.study_design import NextStudy
 from models.robust.study_worth import FEWEST_EFFECTIVE
 from models.unseen import evidence_of_actions, unseen_actions, without_actions
 
@@ -40,23 +50,17 @@ MOST_WRITTEN = 3
 
 def make(context: ReportContext) -> tuple[Block, ...]:
     """One part for each number of states that is shown in full."""
-    if not context.is_published_protocol:
-        raise NotSupported(
-            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `robust` "
-            "takes models with a reward of their own"
-        )
+    want_reward(context)
     intro = (
         f"The section before takes one table as true. Here every table that the data leave possible has its say: "
-        f"each draw of the posterior is planned for, over the {len(STUDY2)} rounds {STUDY2} (H: the human may "
-        "help), exactly. Values are in reward units a person."
+        f"each draw of the posterior is planned for, over {rounds_in_words(context)}, exactly. Values are in "
+        "reward units a person."
     )
-    shown = sorted((k for k in context.shown_states), reverse=True)
+    shown = planned_states(context)
     parts = []
     for k in shown:
-        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
-        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         blocks = attempt("plans under doubt", partial(_model, context, k))
-        parts.append(Part(title, f"robust-{k}", blocks, folded=k != shown[0]))
+        parts.append(Part(title_of(context, k), f"robust-{k}", blocks, folded=k != shown[0]))
     return (Text(intro), *parts)
 
 
@@ -68,16 +72,17 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
     if null:
         raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
-    draws = without_actions(posterior.draws(), unseen)
+    draws = without_actions(rewarded_draws(context, posterior.draws()), unseen)
     if quick:
         draws = draws.thin(QUICK_DRAWS)
-    schedule = Schedule.of(draws, STUDY2)
-    studies = published_studies(draws.protocol, NEXT)
-    estimate = context.study.fits[k].model if not unseen else None
+    schedule = Schedule.of(draws, rounds_of(context))
+    studies = _next_studies(context, draws)
+    estimate = rewarded_model(context, k) if not unseen else None
     tell, label = context.progress, counted(k, "state")
-    study = robust_study(
-        schedule, criterion="cvar", alpha=ALPHA, plug_in=estimate, asked=[Asked(s, SIZES) for s in studies],
-        with_frontier=True, chains=None if quick else context.effort.chains,
+    study = context.kept(
+        f"plans under doubt, {label}", robust_study, schedule, criterion="cvar", alpha=ALPHA, plug_in=estimate,
+        asked=[Asked(s, SIZES) for s in studies], with_frontier=True,
+        chains=None if quick else context.effort.chains,
         replicates=QUICK_REPLICATES if quick else 100, seed=context.seed,
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )  # fmt: skip
@@ -101,6 +106,13 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
             Text(f"Quick: {draws.n_draws} draws and {QUICK_REPLICATES} simulated data sets a study.", "note")
         )
     return tuple(blocks)
+
+
+def _next_studies(context: ReportContext, draws: ModelDraws) -> tuple[NextStudy, ...]:
+    """Studies that could be run next: the published ones, or the arms of the data again beside random actions."""
+    if context.is_published_protocol:
+        return published_studies(draws.protocol, NEXT)
+    return own_studies(context.log, draws.protocol, next_rounds(draws.protocol, rounds_of(context)))
 
 
 def _sure(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
@@ -207,6 +219,10 @@ def _contested_words(study: RobustStudy) -> str:
     return f"Contested costs: those at which the first decisions of {' and '.join(modes)} flip together. "
 
 
+def _next_letters(context: ReportContext, study: RobustStudy) -> str:
+    return NEXT if context.is_published_protocol else next_rounds(study.schedule.protocol, rounds_of(context))
+
+
 def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Block, ...]:
     rows = [s for sample in study.samples for s in sample.sentences]
     bars = Figure(
@@ -217,10 +233,10 @@ def _information(context: ReportContext, study: RobustStudy, k: int) -> tuple[Bl
     )  # fmt: skip
     curves = Figure(
         f"robust-studies-{k}", (partial(information_by_people, study.samples),),
-        f"What further people would be worth, by condition, over {NEXT}: expected gain over today's plan, from "
-        "simulated data sets; bars are twice the standard error, bands reach down to the estimate for plans "
-        "scored on draws that did not choose them, hollow markers leave too few draws to say. The line above is "
-        "what perfect knowledge would be worth.",
+        f"What further people would be worth, by study, over {_next_letters(context, study)}: expected gain over "
+        "today's plan, from simulated data sets; bars are twice the standard error, bands reach down to the "
+        "estimate for plans scored on draws that did not choose them, hollow markers leave too few draws to say. "
+        "The line above is what perfect knowledge would be worth.",
         (" ".join(rows),), (context.origin,),
     )  # fmt: skip
     shown = {

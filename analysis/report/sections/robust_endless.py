@@ -9,9 +9,10 @@ import numpy as np
 from analysis.endless_study import EndlessStudy, endless_study
 from analysis.figures.draw_solutions import stability_along, stability_map, stability_walk, value_distribution
 from analysis.figures.style import spoken
-from analysis.policy_study import STUDY2
 from analysis.report.context import ReportContext
+from analysis.report.own_reward import rounds_of
 from analysis.report.section import Block, Figure, Text
+from analysis.wording import counted
 from models.model_draws import ModelDraws
 from models.planning.latent import LatentBatch
 from models.planning.mode_process import alternating
@@ -36,8 +37,8 @@ def endless_blocks(context: ReportContext, draws: ModelDraws, k: int) -> tuple[B
     some = draws.thin(QUICK_DRAWS if context.effort.quick else DRAWS)
     batch = LatentBatch(some, alternating(some.protocol))
     tell = context.progress
-    study = endless_study(
-        batch, STUDY2,
+    study = context.kept(
+        f"draws without an end, {counted(k, 'state')}", endless_study, batch, rounds_of(context),
         progress=None if tell is None else lambda step, done, total: tell(f"{k} states: {step}", done, total),
     )  # fmt: skip
     return (
@@ -79,9 +80,9 @@ def _figures(context: ReportContext, study: EndlessStudy, k: int) -> tuple[Block
         ),
         Figure(
             f"robust-along-{k}", (partial(stability_along, study.along),),
-            f"The same along the histories of {STUDY2}, each draw at its own belief, with what is believed of the "
-            "draws after that history. One dot a history, larger the more probable it is; the robot follows the "
-            "plan of the mean tables until then.",
+            f"The same along the histories of {rounds_of(context)}, each draw at its own belief, with what is "
+            "believed of the draws after that history. One dot a history, larger the more probable it is; the "
+            "robot follows the plan of the mean tables until then.",
             (said,), (context.origin,),
         ),
         Text(said),

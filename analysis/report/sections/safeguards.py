@@ -8,10 +8,25 @@ import pandas as pd
 
 from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
 from analysis.figures.style import spoken
-from analysis.policy_study import STUDY2
 from analysis.report.context import ReportContext
+from analysis.report.own_reward import (
+    planned_states,
+    rewarded_draws,
+    rounds_in_words,
+    rounds_of,
+    title_of,
+    want_reward,
+)
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
-from analysis.safeguard_study import SafeguardStudy, fallback_actions, safeguard_study
+from analysis.safeguard_study import (
+    BUDGET,
+    CONFIDENCE,
+    TOLERANCE,
+    SafeguardStudy,
+    Wanted,
+    fallback_actions,
+    safeguard_study,
+)
 from analysis.wording import counted
 from models.planning.schedule import Schedule
 from models.safeguards.consent import Consent
@@ -21,29 +36,26 @@ from models.unseen import evidence_of_actions, unseen_actions, without_actions
 DRAWS, QUICK_DRAWS = 400, 100
 """Draws of the posterior that are followed, evenly spaced."""
 
+ONE_ACT = 15.0
+"""What an act of help costs in the paper, which the default limits are counted in."""
+
 
 def make(context: ReportContext) -> tuple[Block, ...]:
     """One part for each number of states that is shown in full."""
-    if not context.is_published_protocol:
-        raise NotSupported(
-            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `safeguard` "
-            "takes models with a reward of their own"
-        )
+    want_reward(context)
     intro = (
         "The paper asks of a robot that shapes people: bounded costs, the least influence that is needed, "
-        "consent, transparency and an audit log. Here the first four are put around policies over the "
-        f"{len(STUDY2)} rounds {STUDY2} (H: the human may help) and followed through all histories, in every "
-        "draw of the posterior. Influence is how many times a person ends up in another state than if left "
-        "alone: the total variation between the two, added up over the rounds. What an action is worth goes "
-        "on with the policy that it is taken by, in each draw."
+        "consent, transparency and an audit log. Here the first four are put around policies over "
+        f"{rounds_in_words(context)} and followed through all histories, in every draw of the posterior. Influence "
+        "is how many times a person ends up in another state than if left alone: the total variation between the "
+        "two, added up over the rounds. What an action is worth goes on with the policy that it is taken by, in "
+        "each draw."
     )
-    shown = sorted(context.shown_states, reverse=True)
+    shown = planned_states(context)
     parts = []
     for k in shown:
-        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
-        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         blocks = attempt("safeguards", partial(_model, context, k))
-        parts.append(Part(title, f"safeguards-{k}", blocks, folded=k != shown[0]))
+        parts.append(Part(title_of(context, k), f"safeguards-{k}", blocks, folded=k != shown[0]))
     return (Text(intro), *parts)
 
 
@@ -55,10 +67,14 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
     if null:
         raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which influence is compared")
-    draws = without_actions(posterior.draws(), unseen).thin(QUICK_DRAWS if context.effort.quick else DRAWS)
+    draws = without_actions(rewarded_draws(context, posterior.draws()), unseen)
+    draws = draws.thin(QUICK_DRAWS if context.effort.quick else DRAWS)
     tell, label = context.progress, counted(k, "state")
-    study = safeguard_study(
-        Schedule.of(draws, STUDY2),
+    study = context.kept(
+        f"safeguards, {label}",
+        safeguard_study,
+        Schedule.of(draws, rounds_of(context)),
+        limits(context, k),
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )
     blocks: list[Block] = []
@@ -72,6 +88,24 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     blocks += [_table(context, study, k), _curve(context, study, k), _stricter(context, study, k)]
     blocks += [_who(context, study, k), _decisions(study)]
     return tuple(blocks)
+
+
+def limits(context: ReportContext, k: int) -> Wanted:
+    """The limits that are shown: those of the paper's costs, or as many acts of the costliest action.
+
+    Raises
+    ------
+    NotSupported
+        Where no action of a stated reward costs anything.
+    """
+    if context.stated is None:
+        return Wanted(budget=BUDGET, tolerance=TOLERANCE, confidence=CONFIDENCE)
+    most = max(context.stated.costs(k).values())
+    if most <= 0:
+        raise NotSupported("no action costs anything, so there is nothing to limit")
+    return Wanted(
+        budget=most * BUDGET / ONE_ACT, tolerance=most * TOLERANCE / ONE_ACT, confidence=CONFIDENCE
+    )  # fmt: skip
 
 
 def _settings(study: SafeguardStudy) -> str:

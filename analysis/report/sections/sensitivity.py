@@ -11,8 +11,10 @@ from analysis.figures.sensitivity import READING_LABELS, action_map, critical_va
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
+from analysis.report.own_reward import planned_states, title_of, want_reward
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
 from analysis.report.sections.plan import known_truth
+from analysis.report.sections.sensitivity_own import own_blocks
 from analysis.sensitivity import READING_WORDS, READINGS, SensitivityEffort, SensitivityStudy, sensitivity_study
 from analysis.sensitivity_variants import CURRENCIES, Beside, game_scores
 from analysis.wording import counted
@@ -49,16 +51,12 @@ FINDINGS = {
 
 def make(context: ReportContext) -> tuple[Block, ...]:
     """The numbers of states beside each other, then one part for each that is shown in full."""
-    if not context.is_published_protocol:
-        raise NotSupported(
-            f"what a round is worth is not known for protocol {context.protocol.name!r}; the command `sensitivity` "
-            "takes models with a reward of their own"
-        )
+    want_reward(context)
     unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
     null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
     if null:
         raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
-    blocks: list[Block] = [Text(_introduction(context))]
+    blocks: list[Block] = [Text(_introduction(context))] if context.stated is None else []
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(
@@ -66,13 +64,13 @@ def make(context: ReportContext) -> tuple[Block, ...]:
                 f"Left out: {names}. The data hold no evidence on it; decisions would rest on the prior.", "warning"
             )
         )
+    if context.stated is not None:
+        return (*blocks, *own_blocks(context, unseen))
     blocks += attempt("numbers of states beside each other", partial(_states, context, unseen))
-    shown = sorted(context.shown_states, reverse=True)
+    shown = planned_states(context)
     for k in shown:
-        why = ["the paper's number"] * (k == 4) + ["lowest BIC"] * (k == context.study.best_by_bic)
-        title = counted(k, "state") + (f" ({', '.join(why)})" if why else "")
         made = attempt("what decisions depend on", partial(_model, context, k, unseen))
-        blocks.append(Part(title, f"sensitivity-{k}", made, folded=k != shown[0]))
+        blocks.append(Part(title_of(context, k), f"sensitivity-{k}", made, folded=k != shown[0]))
     return tuple(blocks)
 
 
@@ -100,7 +98,10 @@ def _states(context: ReportContext, unseen: tuple[str, ...]) -> tuple[Block, ...
             continue
         draws = without_actions(ModelDraws.from_models([context.study.fits[k].model]), unseen)
         effort = SensitivityEffort(critical=False, variants=False)
-        study = sensitivity_study(draws, r=(draws_r(draws),), costs=(15.0,), effort=effort)
+        study = context.kept(
+            f"decisions of the estimate, {counted(k, 'state')}", sensitivity_study, draws, r=(draws_r(draws),),
+            costs=(15.0,), effort=effort,
+        )  # fmt: skip
         row: dict[str, object] = {"states": k}
         for reading, found in study.maps.items():
             for own in found.rows():
@@ -140,15 +141,19 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
         Beside(f"kappa {kappa:g}", without_actions(context.posterior(k, kappa).draws(), unseen)) for kappa in kappas
     ]
     tell, label = context.progress, counted(k, "state")
-    study = sensitivity_study(
-        draws, beside=beside, scores=game_scores(k), effort=QUICK if quick else EFFORT,
+    study = context.kept(
+        f"sensitivity of the draws, {label}", sensitivity_study, draws, beside=beside, scores=game_scores(k),
+        effort=QUICK if quick else EFFORT,
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )  # fmt: skip
-    estimate = sensitivity_study(
-        without_actions(ModelDraws.from_models([context.study.fits[k].model]), unseen), effort=ONLY_MAPS
-    )
+    estimate = context.kept(
+        f"sensitivity of the estimate, {label}", sensitivity_study,
+        without_actions(ModelDraws.from_models([context.study.fits[k].model]), unseen), effort=ONLY_MAPS,
+    )  # fmt: skip
     truth = known_truth(context)
-    in_truth = None if truth is None else sensitivity_study(ModelDraws.from_models([truth]), effort=ONLY_MAPS)
+    in_truth = None if truth is None else context.kept(
+        "sensitivity in the truth", sensitivity_study, ModelDraws.from_models([truth]), effort=ONLY_MAPS
+    )  # fmt: skip
     blocks: list[Block] = []
     if not posterior.gate.passed:
         blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))

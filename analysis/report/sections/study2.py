@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from analysis import study2_beliefs
 from analysis.figures.study2 import four_panels
 from analysis.printed_study2 import anova_beside, comparisons_beside, implied_sentence
 from analysis.report.context import ReportContext
@@ -74,7 +75,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     again = stored("study2", again_blocks, "replicates of study 2")
     return (
         Text(intro),
-        Text(implied_sentence(context.published)),
+        Text(context.kept("what printed tests imply", implied_sentence, context.published)),
         Part("Is it the paper's game?", "study2-game", measured),
         Part("One simulated study", "study2-one", one),
         Part("How often do the paper's conclusions come out?", "study2-again", again),
@@ -103,11 +104,21 @@ def _one(context: ReportContext) -> tuple[Block, ...]:
     learned = Learned(
         fits[k].model, posterior.draws(), words, posterior_notes(posterior), fits[k], context.log
     )  # fmt: skip
-    made = make_policies(learned, PAPER + MORE)
     each = context.published["study2"]["participants"] // len(PAPER)
-    everybody = run_study2(made, truth, learned, each * len(made.policies), seed=context.seed)
+
+    def played() -> tuple[Study2, Study2Analysis, str]:
+        made = make_policies(learned, PAPER + MORE)
+        everybody = run_study2(made, truth, learned, each * len(made.policies), seed=context.seed)
+        study = as_printed(everybody)
+        return everybody, analyse(study), belief_spread(study, learned).sentence
+
+    everybody, found, spread = context.kept_from(
+        "one simulated study 2", played, run_study2,
+        {"learned": learned, "truth": truth, "names": PAPER + MORE, "each": each, "seed": context.seed,
+         "searches": study2_beliefs.SEARCHES},
+        modules=[f.__module__ for f in (make_policies, analyse, as_printed, belief_spread)],
+    )  # fmt: skip
     study = as_printed(everybody)
-    found = analyse(study)
     blocks: list[Block] = [
         Text(
             f"The robot's model is {words}, with its posterior for the planners that reckon with doubt; people "
@@ -122,7 +133,7 @@ def _one(context: ReportContext) -> tuple[Block, ...]:
         )
     blocks.append(_panels("study2-panels", study, PAPER, "the paper's policies"))
     blocks += [Text(_swings(study)), *(Text(sentence) for sentence in found.sentences)]
-    blocks.append(Text(belief_spread(study, learned).sentence))
+    blocks.append(Text(spread))
     blocks += [_means(everybody), *_beside(context, found), *_help(found)]
     more = (LS_POMDP, NEVER, *MORE)
     blocks.append(_panels("study2-panels-more", everybody, more, "planners that the paper did not have"))

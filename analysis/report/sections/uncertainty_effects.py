@@ -14,6 +14,7 @@ from analysis.kappa_sensitivity import KAPPAS, kappa_sensitivity
 from analysis.predictive_checks import posterior_checks, prior_predictive, prior_sentence
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Part, Table, Text
+from analysis.wording import counted
 from models.posterior import Posterior
 
 MOST_ROUNDS = 12
@@ -22,7 +23,9 @@ MOST_ROUNDS = 12
 
 def causal(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block, ...]:
     """Effects of always acting against never, beside the randomised arms."""
-    found = causal_effects(posterior, context.log, kind=context.data.card.kind)
+    found = context.kept(
+        f"effects, {counted(k, 'state')}", causal_effects, posterior, context.log, kind=context.data.card.kind
+    )
     shown = [a for a in found.actions if a not in found.silent]
     blocks: list[Block] = []
     for action in found.actions:
@@ -108,7 +111,8 @@ def sensitivity(context: ReportContext, k: int) -> tuple[Block, ...]:
     """The same answers under other values of kappa."""
     if k == 1:
         raise NotSupported("with one state nobody can stay or leave, so kappa has no meaning")
-    found = kappa_sensitivity({kappa: context.posterior(k, kappa) for kappa in KAPPAS}, context.log)
+    posteriors = {kappa: context.posterior(k, kappa) for kappa in KAPPAS}
+    found = context.kept(f"answers by kappa, {counted(k, 'state')}", kappa_sensitivity, posteriors, context.log)
     if found.table.empty:
         raise NotSupported("no effect was learned")
     headings = {"low": "5%", "high": "95%", "positive": "P(> 0)", "prior_low": "5%", "prior_high": "95%"}
@@ -127,7 +131,10 @@ def sensitivity(context: ReportContext, k: int) -> tuple[Block, ...]:
 def checks(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block, ...]:
     """Posterior predictive checks, and what the prior alone predicts."""
     draws = context.effort.simulated_studies
-    found = posterior_checks(posterior, context.log, draws=draws, seed=context.seed)
+    label = counted(k, "state")
+    found = context.kept(
+        f"predictive checks, {label}", posterior_checks, posterior, context.log, draws=draws, seed=context.seed
+    )
     outside = found.table[found.table["outside"]]
     named = "; ".join(f"{r.check} (p {r.p:.2f})" for r in outside.itertuples()) or "none"
     figure = Figure(
@@ -138,7 +145,9 @@ def checks(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block,
         (f"{len(found.table)} checks; observed values outside the predictive interval: {named}.",),
         (context.origin,),
     )  # fmt: skip
-    prior = prior_predictive(context.log, k, draws=draws, seed=context.seed)
+    prior = context.kept(
+        f"prior predictive, {label}", prior_predictive, context.log, k, draws=draws, seed=context.seed
+    )
     table = Table(
         f"prior-predictive-{k}", prior,
         "Predicted before any data, by kappa, under this design; beside it what was observed.",

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from typing import cast
 
 from analysis.wording import counted
 from models.baum_welch import SAME_OPTIMUM, BaumWelch
 from models.baum_welch_fit import BaumWelchFit
 from models.bootstrap import Bootstrap, bootstrap_fit
-from models.errors import located
+from models.design_facts import Study
+from models.errors import Phrase, located
 from models.events import EventLog
 from models.identification import Identification, identification
+from models.notebook_view import NotebookView, View, frame_rows
 from models.parameters import Array
 from models.protocol import PUBLISHED
 
@@ -26,13 +30,14 @@ Progress = Callable[[str, int, int], None]
 """Called with (what is running, done, total)."""
 
 
-@dataclass(frozen=True)
-class EmStudy:
+@dataclass(frozen=True, repr=False)
+class EmStudy(NotebookView):
     """Fits of one event log.
 
     Attributes
     ----------
     log : EventLog
+        The `CompressedLog` where `run_em` was given one: what needs every run cannot be asked of it.
     fits : dict of int to BaumWelchFit
         Own search, by number of states.
     paper_fits : dict of int to BaumWelchFit
@@ -68,6 +73,23 @@ class EmStudy:
     def best_by_log_likelihood(self) -> int:
         """Number of states with the largest log-likelihood, the paper's criterion; the smallest among ties."""
         return fewest({k: fit.log_likelihood for k, fit in self.fits.items()})
+
+    def _view(self) -> View:
+        rows = [
+            {
+                "states": k, "log_likelihood": fit.log_likelihood, "AIC": fit.aic, "BIC": fit.bic,
+                "converged": fit.converged, "restarts at best": fit.optima[0].restarts,
+            }
+            for k, fit in self.fits.items()
+        ]  # fmt: skip
+        told: dict[str, list[int]] = {}
+        for k, fit in self.fits.items():
+            found = self.identifications.get(k)
+            for text in (*fit._view().warnings, *(found.sentences() if found else ())):
+                told.setdefault(text, []).append(k)
+        warnings = [f"at {', '.join(map(str, numbers))} states: {text}" for text, numbers in told.items()]
+        said = (f"BIC is lowest at {counted(self.best_by_bic, 'state')}.", self.restarts_sentence)
+        return View("Baum-Welch by number of states", "", tuple(warnings), (), said, (frame_rows(rows, ".fits"),))
 
     @property
     def restarts_sentence(self) -> str:
@@ -132,7 +154,7 @@ def _converged_flags(fit: BaumWelchFit) -> list[bool]:
 
 
 def run_em(
-    log: EventLog,
+    log: Study,
     states: Sequence[int] = (2, 3, 4, 5),
     *,
     settings: Callable[[int], BaumWelch] | None = None,
@@ -140,13 +162,15 @@ def run_em(
     seed: int = 1,
     with_paper: bool = False,
     bootstrap: Mapping[int, int] | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> EmStudy:
     """Fit every number of states.
 
     Parameters
     ----------
-    log : EventLog
+    log : EventLog or CompressedLog
+        The bootstrap needs an event log.
     states : sequence of int
     settings : callable, optional
         Number of states to `BaumWelch` settings; the defaults with `pins` and `seed` unless given.
@@ -157,10 +181,14 @@ def run_em(
         Also run the published procedure.
     bootstrap : mapping of int to int, optional
         Replicates of the bootstrap, by number of states.
+    executor : concurrent.futures.Executor, optional
+        Does restarts and replicates; threads of this process by default. The result does not depend on it.
     progress : callable, optional
     """
     if len(states) == 0:
         raise located("states", list(states), "at least one number of states")
+    if bootstrap and any(bootstrap.values()) and not isinstance(log, EventLog):
+        raise located("bootstrap of", Phrase("a compressed log"), "an event log, since it needs every run")
     pins = pins or {}
     make = settings or (lambda k: BaumWelch(k, pins=pins, seed=seed))
     started = time.perf_counter()
@@ -173,17 +201,19 @@ def run_em(
     fits, paper, found, boots, seconds = {}, {}, {}, {}, {}
     for k in states:
         started = time.perf_counter()
-        fits[k] = make(k).fit(log, progress=report(f"Baum-Welch, {counted(k, 'state')}"))
+        fits[k] = make(k).fit(log, progress=report(f"Baum-Welch, {counted(k, 'state')}"), executor=executor)
         seconds[k] = time.perf_counter() - started
         found[k] = identification(fits[k], log, seed=seed)
         if with_paper:
             own = BaumWelch.paper(k, pins=pins, seed=seed)
-            paper[k] = own.fit(log, progress=report(f"published procedure, {counted(k, 'state')}"))
-        if bootstrap and bootstrap.get(k):
+            told = report(f"published procedure, {counted(k, 'state')}")
+            paper[k] = own.fit(log, progress=told, executor=executor)
+        if bootstrap and bootstrap.get(k) and isinstance(log, EventLog):
             boots[k] = bootstrap_fit(
-                fits[k], log, bootstrap[k], seed=seed, progress=report(f"bootstrap, {counted(k, 'state')}")
-            )
-    return EmStudy(log, fits, paper, found, boots, seconds, compile_seconds)
+                fits[k], log, bootstrap[k], seed=seed, progress=report(f"bootstrap, {counted(k, 'state')}"),
+                executor=executor,
+            )  # fmt: skip
+    return EmStudy(cast(EventLog, log), fits, paper, found, boots, seconds, compile_seconds)
 
 
 def parse_states(text: str) -> tuple[int, ...]:

@@ -7,12 +7,12 @@ import json
 import os
 import re
 import runpy
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -281,30 +281,24 @@ def test_notebooks_are_whole_and_small(site: Path, pages: dict[str, str]) -> Non
         assert page.count("<table") >= sum("<table" in "".join(d.get("text/html", "")) for d in data)
 
 
-def test_search_works_from_a_folder_without_a_network(site: Path) -> None:
-    api = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("no browser: chromium is not installed")
+def test_search_works_from_a_folder_without_a_network(browser: Any, site: Path) -> None:
     asked: list[str] = []
     errors: list[str] = []
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        context = browser.new_context(viewport={"width": 390, "height": 844}, offline=True)
-        page = context.new_page()
-        page.on("request", lambda request: asked.append(request.url))
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        for name in ("index.html", "method/planning.html", "compare.html", "commands.html"):
-            page.goto((site / name).as_uri())
-            wide = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-            assert wide <= 0, f"{name} is wider than a phone"
-        page.set_viewport_size({"width": 1280, "height": 800})
-        page.goto((site / "index.html").as_uri())
-        page.wait_for_function("typeof __index !== 'undefined'")
-        page.click("input[name=query]")
-        page.keyboard.type("identification")  # it listens to keys
-        page.wait_for_selector(".md-search-result__link", state="attached", timeout=60_000)
-        assert "matching" in (page.text_content(".md-search-result__meta") or "")
-        browser.close()
+    context = browser.new_context(viewport={"width": 390, "height": 844}, offline=True)
+    page = context.new_page()
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    for name in ("index.html", "method/planning.html", "compare.html", "commands.html"):
+        page.goto((site / name).as_uri())
+        wide = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert wide <= 0, f"{name} is wider than a phone"
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.goto((site / "index.html").as_uri())
+    page.wait_for_function("typeof __index !== 'undefined'")
+    page.click("input[name=query]")
+    page.keyboard.type("identification")  # it listens to keys
+    page.wait_for_selector(".md-search-result__link", state="attached", timeout=60_000)
+    assert "matching" in (page.text_content(".md-search-result__meta") or "")
+    context.close()
     assert errors == []
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:", "about:"))] == []

@@ -95,10 +95,11 @@ GROUPS = (
     Group(
         "analysis_data", "Data",
         "analysis/file_source* analysis/csv_* analysis/event_files* analysis/datasets* analysis/frd2012* "
-        "analysis/column_map* analysis/osf_import* analysis/table_files* analysis/study_selection* "
-        "analysis/grouping* analysis/design* analysis/simulate* analysis/participant_flow* "
-        "analysis/response_rates*",
+        "analysis/column_map* analysis/event_import* analysis/problem_causes* analysis/table_files* "
+        "analysis/study_selection* analysis/grouping* analysis/design* analysis/simulate* "
+        "analysis/participant_flow* analysis/response_rates*",
     ),
+    Group("analysis_paper", "The paper's numbers", "analysis/paper_*"),
     Group(
         "analysis_statistics", "Statistics of both studies",
         "analysis/anova* analysis/*anova* analysis/dunnett* analysis/posthoc* analysis/power* "
@@ -110,7 +111,8 @@ GROUPS = (
     Group(
         "analysis_plans", "Plans, sensitivity, safeguards",
         "analysis/*polic* analysis/*robust* analysis/endless* analysis/next_studies* analysis/draws_source* "
-        "analysis/reward_options* analysis/sensitivity* analysis/safeguard* analysis/session* "
+        "analysis/reward_options* analysis/stated_reward* analysis/state_scores* analysis/own_sensitivity* "
+        "analysis/sensitivity* analysis/safeguard* analysis/session* "
         "analysis/plan_replicates*",
     ),
     Group("analysis_held_out", "Predicting what was left out", "analysis/held_out* analysis/forecasters*"),

@@ -1,7 +1,7 @@
 import pytest
 
 from analysis.design import DATA_FOLDER
-from analysis.osf_import import import_events, key_text
+from analysis.event_import import import_events, key_text
 from models.errors import InputError
 from models.protocol import PUBLISHED
 

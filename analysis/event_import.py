@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,12 @@ from models.errors import Phrase, located
 from models.event_rules import Problems
 from models.events import TOKEN_COLUMNS, Coded, EventLog, EventLogError
 from models.protocol import MISSING, NO_RESPONSE, PUBLISHED, Protocol
+
+
+EXACT = 1 << 53
+"""Largest number of a round or a sequence: beyond, not every integer has a floating-point number of its own."""
+
+_INTEGER = re.compile(r"[+-]?[0-9]{1,400}")
 
 
 @dataclass(frozen=True)
@@ -200,10 +207,13 @@ class _Export:
             try:
                 if tokens:
                     numbers[row] = np.nan if value in EMPTY_NUMBERS else float(value)
+                elif not _INTEGER.fullmatch(value) or abs(int(value)) > EXACT:
+                    raise ValueError
                 else:
                     numbers[row] = int(value)
             except (ValueError, OverflowError):
-                self._add(row, column, value, "a number, or empty" if tokens else "an integer")
+                wanted = "a number, or empty" if tokens else f"an integer between -{EXACT} and {EXACT}"
+                self._add(row, column, value, wanted)
         return numbers
 
     def _mapped(self, raw: dict[int, str], column: str, table: str) -> list[str]:

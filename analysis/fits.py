@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.kept_chains import KeptChains, NotKeptWarning
+from analysis.source_digest import source_digest
 from models.bayesian_fit import EDITED, Engine, fit
 from models.chains import NutsSettings, Progress
-from models.compiled import kernel_digest
 from models.errors import InputError, Phrase, located
 from models.events import EventLog
 from models.groups import Groups
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pymc as pm
 
 ENGINE = "models.bayesian_fit"
-"""A fit depends on the kernels that this module reaches."""
+"""A fit depends on all source code that this module reaches: priors, layouts and labels as much as kernels."""
 
 
 def store_folder() -> Path:
@@ -57,7 +57,7 @@ class StoredFit:
 
 def maker() -> dict[str, Any]:
     """What code and which versions make fits now: those of another maker are never found again."""
-    return {"kernels": kernel_digest(ENGINE), "versions": versions(), "schema": SCHEMA}
+    return {"sources": source_digest(ENGINE), "versions": versions(), "schema": SCHEMA}
 
 
 def fit_key(data_digest: str, settings: Mapping[str, Any]) -> str:
@@ -228,5 +228,5 @@ def _write(posterior: Posterior, path: Path, log: EventLog, data_digest: str) ->
     write_posterior(
         posterior,
         path,
-        {"data_digest": data_digest, "study": log.study, "key": path.stem, "kernels": kernel_digest(ENGINE)},
+        {"data_digest": data_digest, "study": log.study, "key": path.stem, "sources": source_digest(ENGINE)},
     )

@@ -123,7 +123,7 @@ def _entry(path: Path) -> StoreEntry | None:
             "gate": Gate(**gate).passed, "divergences": gate["divergences"], "max_rhat": gate["max_rhat"],
             "chains": int(sampled[0]), "draws": int(sampled[1]),
         }  # fmt: skip
-        maker = {"schema": attributes["schema"], "versions": made_with, "kernels": provenance.get("kernels")}
+        maker = {"schema": attributes["schema"], "versions": made_with, "sources": provenance.get("sources")}
         status = "ready" if maker == fits.maker() else "outdated"
         if (settings.get("prior") or {}).get("class") == EDITED:
             status = "kept"  # nobody can make it again without the analyst's model

@@ -58,7 +58,7 @@ def full(store, log):
     digest = log_digest(log)
     fit = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=5.0), pins={"help": None}, sampler=SHORT)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "kernel_digest", lambda *modules: "of other code")
+        patch.setattr(fits, "source_digest", lambda *modules: "of other code")
         old = fits.stored_fit(log, digest, 1, sampler=SHORT)
         interrupt(log, 4)
     interrupt(log, 3)

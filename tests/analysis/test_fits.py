@@ -16,6 +16,7 @@ from analysis import fits, kept_chains
 from analysis.datasets import log_digest
 from analysis.fits_inventory import entries, to_clear
 from analysis.kept_chains import ABOUT, KeptChains, NotKeptWarning
+from analysis.source_digest import reached_sources, source_digest
 from models import chains, nuts
 from models.bayesian_fit import EDITED
 from models.bayesian_hmm import build_model
@@ -432,3 +433,10 @@ def test_an_edited_model_is_found_again_and_goes_on(log, own_store, monkeypatch)
     assert 0 not in calls[: calls.index(2) + 1]  # the prior with its term is sampled after that
     assert np.array_equal(resumed.posterior.flat(), whole.posterior.flat())
     assert fits.stored_fit_model(informed(log, 2.0), log, digest, 2, sampler=SHORT).key != whole.key
+
+
+def test_a_fit_depends_on_all_code_that_makes_it():
+    """Priors, layouts, starting points and labels are no kernels, and decide a posterior all the same."""
+    reached = {path.name for path in reached_sources([fits.ENGINE])}
+    assert reached >= {"parameters.py", "study_density.py", "chains.py", "posterior.py", "gate.py", "protocol.py"}
+    assert fits.maker()["sources"] == source_digest(fits.ENGINE)

@@ -18,10 +18,12 @@ from analysis.cli_options import (
     load_protocol,
     write_output,
 )
+from analysis.cli_stream_options import StreamOption, in_parts, memory_allowed, reading_sentence
 from analysis.wording import counted
 from models.errors import InputError
 
 if TYPE_CHECKING:
+    from models.compressed_log import CompressedLog
     from models.events import EventLog
 
 data = typer.Typer(
@@ -35,6 +37,9 @@ simulate = typer.Typer(
     rich_markup_mode=None,
 )
 
+AllOption = Annotated[
+    bool, typer.Option("--all", help="Of a file that breaks rules: every line by itself, not lines by cause.")
+]
 _ENDINGS = "ends in .csv, .csv.gz or .parquet"
 
 
@@ -83,42 +88,51 @@ def card_command(
 @data.command("check")
 def check_command(
     file: Annotated[str, typer.Argument(metavar="DATA", help="An event file, or a registered data set.")],
+    every: AllOption = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
     protocol: ProtocolOption = None,
     seed: SeedOption = DEFAULT_SEED,
+    stream: StreamOption = None,
 ) -> None:
     """Check an event file against every rule; exit status 2 if it breaks one.
 
+    Lines that break a rule in the same way are told together, the first of them by number. A large file is read in
+    parts, in bounded memory; what is found is the same.
+
     Example: prosocial data check events.csv.gz --json report.json
     """
-    from analysis import datasets
+    from analysis import datasets, progress
+    from analysis.problem_causes import told
     from models.events import EventLogError
 
     report = Report(json, quiet)
     distinct_files({"DATA": file, "--protocol": protocol, "--json": json})
     rules = load_protocol(protocol)
+    parts = in_parts(file, stream)
     try:
-        loaded = datasets.load(file, rules)
+        log: EventLog | CompressedLog
+        if parts:
+            from analysis.event_stream import compress_events
+
+            with progress.shown(quiet) as watch:
+                found = compress_events(file, rules, memory=memory_allowed(), progress=watch)
+            log, notes, digest = found.log, found.notes, found.log.digest
+            report.say(reading_sentence(file, found.resorted, stream))
+        else:
+            loaded = datasets.load(file, rules)
+            log, notes, digest = loaded.log, loaded.notes, loaded.digest
     except InputError as error:
-        problems = [
-            {"line": p.line, "column": p.column or None, "value": p.value, "wanted": p.wanted, "message": str(p)}
-            for p in (error.problems if isinstance(error, EventLogError) else ())
-        ] or [{"line": None, "column": None, "value": None, "wanted": None, "message": str(error)}]
-        total = error.total if isinstance(error, EventLogError) else 1
-        report.finish(
-            {"file": file, "rows": None, "participants": None, "sequences": None, "problems": problems,
-             "total_problems": total}
-        )  # fmt: skip
+        report.finish(_refused(file, error))
         if isinstance(error, EventLogError):
-            raise InputError(_problem_list(error)) from None
+            raise InputError(told(error.place, error.problems, error.total, every=every)) from None
         raise
-    for note in loaded.notes:
+    for note in notes:
         report.say(f"note: {note}")
-    report.say(f"{file}: {_sizes(*_counts(loaded.log).values())}; no problems")
+    report.say(f"{file}: {_sizes(*_counts(log).values())}; no problems")
     report.finish(
-        {"file": file, **_counts(loaded.log), "problems": [], "total_problems": 0, "notes": loaded.notes,
-         "conditions": loaded.log.conditions, "missing_responses": loaded.log.n_missing, "digest": loaded.digest}
+        {"file": file, **_counts(log), "problems": [], "total_problems": 0, "notes": notes,
+         "conditions": log.conditions, "missing_responses": log.n_missing, "digest": digest, "in_parts": parts}
     )  # fmt: skip
 
 
@@ -131,6 +145,7 @@ def import_command(
         str | None,
         typer.Option("--key", metavar="FILE", help="Also write who is who (personal ids) as CSV."),
     ] = None,
+    every: AllOption = False,
     json: JsonOption = None,
     quiet: QuietOption = False,
     protocol: ProtocolOption = None,
@@ -138,10 +153,14 @@ def import_command(
 ) -> None:
     """Turn a raw export into an event file, with a column map.
 
+    Nothing is written while a line breaks a rule; such lines are told by cause, the first of them by number.
+
     Example: prosocial data import raw.csv --map data/maps/osf_study1_example.toml --out study1.csv.gz
     """
     from analysis.event_files import write_events
-    from analysis.osf_import import import_events, key_text
+    from analysis.event_import import import_events, key_text
+    from analysis.problem_causes import told
+    from models.events import EventLogError
 
     report = Report(json, quiet)
     distinct_files(
@@ -150,7 +169,11 @@ def import_command(
     check_output("--out", out)
     if key is not None:
         check_output("--key", key)
-    imported = import_events(file, column_map, load_protocol(protocol))
+    try:
+        imported = import_events(file, column_map, load_protocol(protocol))
+    except EventLogError as error:
+        report.finish(_refused(file, error))
+        raise InputError(told(error.place, error.problems, error.total, every=every)) from None
     write_events(imported.log, out)
     if key is not None:
         write_output("--key", key, key_text(imported.key).encode())
@@ -215,7 +238,7 @@ def study1_command(
     )  # fmt: skip
 
 
-def _counts(log: EventLog) -> dict[str, int]:
+def _counts(log: EventLog | CompressedLog) -> dict[str, int]:
     return {"rows": log.n_events, "participants": log.n_participants, "sequences": log.n_runs}
 
 
@@ -225,8 +248,18 @@ def _sizes(rows: Any, participants: Any, sequences: Any) -> str:
     )
 
 
-def _problem_list(error: Any) -> str:
-    lines = [f"{error.place}: {error.total} problem{'s' * (error.total != 1)}"]
-    lines += [f"  {problem}" for problem in error.problems]
-    hidden = error.total - len(error.problems)
-    return "\n".join([*lines, f"  and {hidden} more"] if hidden else lines)
+def _refused(file: str, error: InputError) -> dict[str, Any]:
+    """What ``--json`` says of a file that breaks rules: every line, and the lines by cause."""
+    from analysis.problem_causes import causes
+    from models.events import EventLogError
+
+    known = error.problems if isinstance(error, EventLogError) else []
+    problems = [
+        {"line": p.line, "column": p.column or None, "value": p.value, "wanted": p.wanted, "message": str(p)}
+        for p in known
+    ] or [{"line": None, "column": None, "value": None, "wanted": None, "message": str(error)}]
+    return {
+        "file": file, "rows": None, "participants": None, "sequences": None, "problems": problems,
+        "causes": [cause.to_dict() for cause in causes(known)],
+        "total_problems": error.total if isinstance(error, EventLogError) else 1,
+    }  # fmt: skip

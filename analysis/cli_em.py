@@ -18,10 +18,13 @@ from analysis.cli_options import (
     load_protocol,
     write_output,
 )
+from analysis.cli_stream_options import StreamOption, in_parts, reading_sentence, select_in_parts
 from analysis.wording import counted
 
 if TYPE_CHECKING:
+    from analysis.cli_stream_options import SelectionInParts
     from analysis.em_study import EmStudy
+    from analysis.study_selection import Selection
     from models.baum_welch_fit import BaumWelchFit
 
 DataArgument = Annotated[str, typer.Argument(metavar="DATA", help="A registered data set, or an event file.")]
@@ -60,8 +63,11 @@ def em_command(
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
     protocol: ProtocolOption = None,
+    stream: StreamOption = None,
 ) -> None:
     """Learn transition and observation tables by Baum-Welch.
+
+    A large file is read in parts, in bounded memory; estimates are the same.
 
     Example: prosocial em simulated_study1 --states 2-5 --out reports/build/models
     """
@@ -83,7 +89,17 @@ def em_command(
     if out is not None:
         check_output_folder("--out", out)
     distinct_files(files)
-    chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin)
+    rules = load_protocol(protocol)
+    chosen: Selection | SelectionInParts
+    if parts := in_parts(data, stream, "--bootstrap" if bootstrap else ""):
+        with progress.shown(quiet) as watch:
+            chosen, resorted = select_in_parts(data, rules, condition, states, pin, watch)
+        report.say(reading_sentence(data, resorted, stream))
+        report.say(f"{data}: {chosen.log._view().sentences[0]}")
+        for note in chosen.notes:
+            report.say(f"note: {note}")
+    else:
+        chosen = select(datasets.load(data, rules), condition, states, pin)
     if out is not None:
         names = [_model_name(k) for k in chosen.states]
         distinct_files(files | {f"--out, {name}": Path(out) / name for name in names})
@@ -102,8 +118,8 @@ def em_command(
         )  # fmt: skip
     written = {}
     if out is not None:
-        written = _write_models(study, Path(out), chosen.dataset.digest, seed)
-    report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; seed {seed}")
+        written = _write_models(study, Path(out), chosen.digest, seed)
+    report.say(f"{data} ({chosen.kind}): {chosen.sentence}; seed {seed}")
     report.say(next(iter(study.fits.values())).settings.sentence)
     for k, fit in study.fits.items():
         report.say(fit.sentence + f" BIC {fit.bic:.1f}.")
@@ -111,8 +127,9 @@ def em_command(
             report.say(f"  - {sentence}")
     report.finish(
         {
-            "data": data, "kind": chosen.dataset.card.kind, "digest": chosen.dataset.digest, "seed": seed,
+            "data": data, "kind": chosen.kind, "digest": chosen.digest, "seed": seed,
             "conditions": chosen.conditions, "pins": chosen.pins, "procedure": "paper" if paper else "two-stage",
+            "in_parts": parts,
             "compile_seconds": study.compile_seconds,
             "fits": [
                 {**fit_to_dict(fit), "seconds": study.seconds[k],

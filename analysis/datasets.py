@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from analysis import frd2012
 from analysis.design import DATA_FOLDER
 from models.errors import located
 from models.events import EventLog
+from models.notebook_view import NotebookView, View
 from models.protocol import PUBLISHED, Protocol
 
 REGISTRY = DATA_FOLDER / "registry.json"
@@ -24,7 +25,7 @@ PRINTED = DATA_FOLDER / "published.json"
 
 
 @dataclass(frozen=True)
-class Card:
+class Card(NotebookView):
     """What a data set is, what it is not, and how to begin with it.
 
     Attributes
@@ -81,9 +82,12 @@ class Card:
             )
         return "\n".join(lines)
 
+    def _view(self) -> View:
+        return View(self.title, self.kind, (), (), tuple(line.strip() for line in self.text().splitlines()[1:]))
+
 
 @dataclass(frozen=True)
-class DataSet:
+class DataSet(NotebookView):
     """A checked log with its card.
 
     Attributes
@@ -100,6 +104,13 @@ class DataSet:
     card: Card
     notes: tuple[str, ...]
     digest: str
+
+    def _view(self) -> View:
+        card, log = self.card, self.log._view()
+        said = (card.what, *log.sentences) if card.what else log.sentences
+        notes = (*(f"what it is not: {text}" for text in card.what_not), *log.notes, *self.notes)
+        tables = tuple(replace(rows, where=f".log{rows.where}") for rows in log.tables)
+        return View(card.title, card.kind, (), notes, said, tables)
 
 
 def names() -> tuple[str, ...]:
@@ -170,16 +181,36 @@ def log_digest(log: EventLog) -> str:
 
     It covers study, names and codes, run by run; fits are stored under it.
     """
-    labels = [log.study, log.conditions, log.protocol.action_names, log.protocol.response_names]
-    digest = hashlib.sha256(json.dumps(labels).encode())
+    digest = LogHash(log.study, log.conditions, log.protocol)
     arrays: dict[str, NDArray] = {
         "offsets": log.offsets, "participant": log.participant, "sequence": log.sequence,
         "condition": log.condition, "action": log.action, "response": log.response, **log.tokens,
     }  # fmt: skip
     for name, values in sorted(arrays.items()):
-        little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
-        digest.update(f"{name} {little.dtype.str} {len(little)}\n".encode() + little.tobytes())
+        digest.begin(name, values.dtype, len(values))
+        digest.add(values)
     return digest.hexdigest()
+
+
+class LogHash:
+    """`log_digest` under way: names first, then every array in turn, whole or in parts."""
+
+    def __init__(self, study: str, conditions: Sequence[str], protocol: Protocol) -> None:
+        labels = [study, list(conditions), protocol.action_names, protocol.response_names]
+        self._digest = hashlib.sha256(json.dumps(labels).encode())
+
+    def begin(self, name: str, kind: np.dtype, length: int) -> None:
+        """Begin with an array of so many values."""
+        self._digest.update(f"{name} {kind.newbyteorder('<').str} {length}\n".encode())
+
+    def add(self, values: NDArray) -> None:
+        """Go on with the next values of the array."""
+        little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+        self._digest.update(little.tobytes())
+
+    def hexdigest(self) -> str:
+        """The digest."""
+        return self._digest.hexdigest()
 
 
 @cache

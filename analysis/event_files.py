@@ -9,7 +9,7 @@ from __future__ import annotations
 import gzip
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,20 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from analysis.csv_header import read_header
+from analysis.csv_header import Header, read_header
 from analysis.csv_problems import EMPTY_NUMBERS, explain, renumbered
 from analysis.file_source import DECOMPRESSED_LIMIT, FileSource
-from models.errors import InputError, located
+from models.errors import InputError, Phrase, located
 from models.event_rules import response_labels
 from models.events import COLUMNS, INTEGER_COLUMNS, TOKEN_COLUMNS, Coded, EventLog, EventLogError
 from models.model_files import write_bytes
 from models.protocol import PUBLISHED, Protocol
 
 _PARQUET_MAGIC = b"PAR1"
+
+PACKED_PARQUET = 1 << 30
+"""Bytes that a gzipped Parquet file, which is compressed already, may unpack to: it is held in memory."""
+
 _BLOCK = 4 << 20
 _TEXT = pa.dictionary(pa.int32(), pa.string())
 
@@ -66,7 +70,7 @@ def read_events(path: str | Path, protocol: Protocol = PUBLISHED, *, limit: int 
         If the file is missing, unreadable, damaged, or not an event log.
     """
     source = FileSource.of(path, limit)
-    if source.head.startswith(_PARQUET_MAGIC) or Path(path).suffix == ".parquet":
+    if is_parquet(source):
         columns, unknown = _read_parquet(source)
         log = EventLog.from_columns(columns, protocol, str(path))
     else:
@@ -75,22 +79,37 @@ def read_events(path: str | Path, protocol: Protocol = PUBLISHED, *, limit: int 
             log = EventLog.from_columns(columns, protocol, str(path))
         except EventLogError as error:
             raise renumbered(error, source) from None
-    notes = []
+    return EventFile(log, reading_notes(source, unknown))
+
+
+def is_parquet(source: FileSource) -> bool:
+    """Whether a file is to be read as Parquet: by its first bytes, or by its name."""
+    return source.head.startswith(_PARQUET_MAGIC) or source.path.suffix == ".parquet"
+
+
+def reading_notes(source: FileSource, unknown: Sequence[str]) -> tuple[str, ...]:
+    """What a reader should know: columns that were not read, a name that does not fit the content."""
+    path, notes = source.path, []
     if unknown:
         notes.append(f"{path}: columns not read, since the schema has none of that name: {', '.join(unknown)}")
-    if Path(path).suffix == ".gz" and not source.gzipped:
+    if path.suffix == ".gz" and not source.gzipped:
         notes.append(f"{path}: named .gz but not compressed; read as it is")
-    return EventFile(log, tuple(notes))
+    return tuple(notes)
+
+
+def csv_options(header: Header) -> Any:
+    """How the schema's columns of a CSV file are converted."""
+    types = {c: pa.int64() if c in INTEGER_COLUMNS else _TEXT for c in COLUMNS}
+    types |= {c: pa.float64() for c in TOKEN_COLUMNS if c in header.wanted}
+    return pyarrow.csv.ConvertOptions(
+        include_columns=list(header.wanted), column_types=types, null_values=list(EMPTY_NUMBERS)
+    )
 
 
 def _read_csv(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple[str, ...]]:
     place = str(source.path)
     header = read_header(source)
-    types = {c: pa.int64() if c in INTEGER_COLUMNS else _TEXT for c in COLUMNS}
-    types |= {c: pa.float64() for c in TOKEN_COLUMNS if c in header.wanted}
-    options = pyarrow.csv.ConvertOptions(
-        include_columns=list(header.wanted), column_types=types, null_values=list(EMPTY_NUMBERS)
-    )
+    options = csv_options(header)
     try:
         with (
             source.open() as stream,
@@ -109,25 +128,37 @@ def _read_parquet(source: FileSource) -> tuple[dict[str, NDArray | Coded], tuple
     place = str(source.path)
     try:
         if source.gzipped:
-            with source.open() as stream:
+            with replace(source, limit=min(source.limit, PACKED_PARQUET)).open() as stream:
                 content: Any = pa.BufferReader(stream.read())
         else:
-            content = pa.memory_map(place)
+            # Not mapped into memory: where a mapped file is cut short meanwhile, the process is killed.
+            content = pa.OSFile(place)
         with content:
-            names = pyarrow.parquet.ParquetFile(content).schema_arrow.names
-            _check_names(place, names)
+            opened = pyarrow.parquet.ParquetFile(content)
+            names = opened.schema_arrow.names
+            check_names(place, names)
+            check_rows(place, opened.metadata.num_rows, len(COLUMNS), source.limit)
             wanted = [c for c in (*COLUMNS, *TOKEN_COLUMNS) if c in names]
             content.seek(0)
             text = [c for c in COLUMNS if c not in INTEGER_COLUMNS]
             table = pyarrow.parquet.read_table(content, columns=wanted, read_dictionary=text)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(f"{place}: corrupt or not a Parquet file: {error}") from None
     for name in wanted:
-        table = table.set_column(table.column_names.index(name), name, _typed(place, name, table[name]))
+        table = table.set_column(table.column_names.index(name), name, typed(place, name, table[name]))
     return _columns(place, table), tuple(name for name in names if name not in wanted)
 
 
-def _check_names(place: str, names: list[str]) -> None:
+def check_rows(place: str, rows: int, columns: int, limit: int) -> None:
+    """Refuse a Parquet file that would fill more than `limit` bytes: equal values are a few bytes in the file."""
+    if rows * columns * 8 > limit:
+        most = limit // (8 * columns)
+        wanted = f"at most {most}, which fill {limit} bytes; raise the limit if you trust the file"
+        raise located(f"{place}, rows", rows, wanted)
+
+
+def check_names(place: str, names: list[str]) -> None:
+    """Refuse a Parquet file in which a column of the schema is missing, or any is there twice."""
     for name in names:
         if names.count(name) > 1:
             raise located(f"{place}, column {name}", f"{names.count(name)} columns of that name", "one")
@@ -136,15 +167,18 @@ def _check_names(place: str, names: list[str]) -> None:
         raise located(f"{place}, columns", ", ".join(names), f"also {', '.join(missing)}")
 
 
-def _typed(place: str, name: str, column: Any) -> Any:
-    """Column in the schema's type; a type that could only be converted with loss is refused."""
+def typed(place: str, name: str, column: Any, first_row: int = 0) -> Any:
+    """Column in the schema's type; a type that could only be converted with loss is refused.
+
+    `first_row` is the row of the file (from 0) that the column begins with.
+    """
     found, where = column.type, f"{place}, column {name}, type"
     if name in INTEGER_COLUMNS:
         if not pa.types.is_integer(found):
             raise located(where, str(found), "an integer type")
         if column.null_count:
             row = int(np.flatnonzero(column.is_null().to_numpy())[0])
-            raise located(f"{place}, row {row + 1}, column {name}", "nothing", "an integer")
+            raise located(f"{place}, row {first_row + row + 1}, column {name}", "nothing", "an integer")
         try:
             return column.cast(pa.int64())
         except pa.ArrowInvalid as error:
@@ -169,7 +203,7 @@ def _columns(place: str, table: Any) -> dict[str, NDArray | Coded]:
         array = column.chunk(0) if column.num_chunks else pa.array([], type=column.type)
         if pa.types.is_dictionary(array.type):
             codes = array.indices.fill_null(-1).to_numpy()
-            labels = array.dictionary.to_pylist()
+            labels = labels_of(f"{place}, column {name}", array)
             for label in labels:
                 if label is not None and ("\n" in label or "\r" in label):
                     raise located(f"{place}, column {name}", label, "text without line breaks")
@@ -177,6 +211,21 @@ def _columns(place: str, table: Any) -> dict[str, NDArray | Coded]:
         else:
             columns[name] = array.to_numpy(zero_copy_only=False)
     return columns
+
+
+def labels_of(place: str, array: Any) -> list[Any]:
+    """Labels of a text column, once it is sure that every code has one: compiled code looks them up unasked.
+
+    Raises
+    ------
+    InputError
+        If a damaged file has codes without a label, or labels that are no text.
+    """
+    try:
+        array.validate(full=True)
+        return array.dictionary.to_pylist()
+    except (pa.ArrowException, UnicodeDecodeError):
+        raise located(place, Phrase("codes or bytes that stand for no text"), "text in UTF-8") from None
 
 
 def log_table(log: EventLog) -> Any:

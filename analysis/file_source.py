@@ -73,6 +73,11 @@ class FileSource:
             return cast(BinaryIO, _GuardedGzip(self.path, self.limit))
         return self.path.open("rb")
 
+    @staticmethod
+    def consumed(stream: BinaryIO) -> int:
+        """Bytes of the file behind an open stream that were read so far, compressed as they are."""
+        return cast(Any, stream).consumed if isinstance(stream, _GuardedGzip) else stream.tell()
+
 
 class _GuardedGzip(io.RawIOBase):
     """Decompressing stream that counts what it gives out and explains what breaks."""
@@ -115,6 +120,11 @@ class _GuardedGzip(io.RawIOBase):
                 "raise the limit if you trust the file"
             )
         return part
+
+    @property
+    def consumed(self) -> int:
+        """Compressed bytes read so far."""
+        return int(cast(Any, self._stream.fileobj).tell())
 
     def close(self) -> None:
         self._stream.close()

@@ -9,12 +9,14 @@ from analysis.datasets import DataSet
 from analysis.em_study import parse_states
 from models.errors import located
 from models.events import EventLog
+from models.notebook_view import NotebookView
+from models.protocol import Protocol
 
 ALL_CONDITIONS = "all"
 
 
 @dataclass(frozen=True)
-class Selection:
+class Selection(NotebookView):
     """What a command learns from.
 
     Attributes
@@ -37,6 +39,16 @@ class Selection:
     pins: tuple[str, ...]
     states: tuple[int, ...]
     from_card: tuple[str, ...]
+
+    @property
+    def kind(self) -> str:
+        """What kind of data these are (`analysis.datasets.Card`)."""
+        return self.dataset.card.kind
+
+    @property
+    def digest(self) -> str:
+        """Digest of the whole data set."""
+        return self.dataset.digest
 
     @property
     def sentence(self) -> str:
@@ -93,12 +105,24 @@ def select(
             if name not in log.conditions:
                 raise located("--condition", name, f"one of {', '.join(log.conditions)}, or {ALL_CONDITIONS}")
         log = log.select(conditions=condition)
-    pins = [] if list(pins or []) == ["none"] else list(pins or [])
-    for action in pins:
-        if action not in log.protocol.action_names:
-            raise located("--pin", action, f"one of {', '.join(log.protocol.action_names)}, or none")
+    held = checked_pins(log.protocol, pins)
     wanted = parse_states(default_states if states is None else states)
-    return Selection(dataset, log, log.conditions, tuple(pins), wanted, tuple(taken))
+    return Selection(dataset, log, log.conditions, held, wanted, tuple(taken))
+
+
+def checked_pins(protocol: Protocol, pins: Sequence[str] | None) -> tuple[str, ...]:
+    """Actions of ``--pin``, none for ``["none"]``.
+
+    Raises
+    ------
+    InputError
+        On an unknown action.
+    """
+    held = () if list(pins or []) == ["none"] else tuple(pins or [])
+    for action in held:
+        if action not in protocol.action_names:
+            raise located("--pin", action, f"one of {', '.join(protocol.action_names)}, or none")
+    return held
 
 
 def _as_list(value: object) -> list[str]:

@@ -7,22 +7,23 @@ until the gain has stayed below the tolerance. `BaumWelch.paper` is the publishe
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.baum_welch_fit import BaumWelchFit, Optimum
+from models.design_facts import Study
 from models.em_kernel import em
 from models.errors import located
-from models.events import EventLog
 from models.histories import HistoryTree
 from models.labels import canonical_order, permute
 from models.lspomdp import LatentStatePOMDP
 from models.parameters import Array, DirichletPrior, Layout, checked_pins, recorded
+from models.spread_out import spread_out
 
 Progress = Callable[[int, int], None]
 """Called with (done, total) from one thread as restarts finish."""
@@ -32,6 +33,9 @@ SAME_OPTIMUM = 0.01
 
 AGREEMENT = 3
 """Runs that must end at the best optimum before a search with several rounds stops."""
+
+TOGETHER = 4
+"""Restarts that are sent to another process together: the study travels along."""
 
 
 @dataclass(frozen=True)
@@ -126,13 +130,13 @@ class BaumWelch:
         return replace(self, pins={}) == BaumWelch.paper(self.n_states, seed=self.seed)
 
     def fit(
-        self, log: EventLog, *, progress: Progress | None = None, executor: Executor | None = None
+        self, log: Study, *, progress: Progress | None = None, executor: Executor | None = None
     ) -> BaumWelchFit:
-        """Learn from an event log.
+        """Learn from an event log, or from the compressed form of one.
 
         Parameters
         ----------
-        log : EventLog
+        log : EventLog or CompressedLog
         progress : callable, optional
             Called with (finished, total) restarts.
         executor : concurrent.futures.Executor, optional
@@ -149,9 +153,6 @@ class BaumWelch:
         problem = _Problem(log.tree(), layout, self.prior.pseudo_counts(layout), layout.free_entries(pins))
         informed = layout.informed_entries(log)
         stop = np.zeros(1, dtype=np.uint8)
-        own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
-        pool = executor or own
-        assert pool is not None
         per_round = self.restarts if self.finalists is None else min(self.finalists, self.restarts)
         screened: list[_Run] = []
         runs: list[_Run] = []
@@ -159,36 +160,29 @@ class BaumWelch:
 
         def collect(thetas: list[Array], cap: int, tolerance: float, patience: int) -> list[_Run]:
             nonlocal done
-            found = []
-            settings = (cap, tolerance, patience, self.accelerate, stop)
-            for run in pool.map(_run, [problem] * len(thetas), thetas, [settings] * len(thetas)):
-                found.append(run)
-                done += 1
-                if progress is not None:
-                    progress(done, total)
+            before = done
+            found: list[_Run] = spread_out(
+                executor, partial(_run, problem, (cap, tolerance, patience, self.accelerate, stop)), thetas,
+                None if progress is None else lambda now, _: progress(before + now, total),
+                together=TOGETHER, names=lambda i: f"restart {i} of {len(thetas)} (seed {self.seed})",
+                stop=lambda: stop.fill(1),
+            )  # fmt: skip
+            done += len(found)
             return found
 
-        try:
-            for number in range(self.rounds):
-                total += (self.restarts if self.finalists is not None else 0) + per_round
-                indices = range(number * self.restarts, (number + 1) * self.restarts)
-                starts = [self._start(layout, pins, informed, i) for i in indices]
-                if self.finalists is not None:
-                    short = collect(starts, self.screening_maps, 0.0, self.screening_maps + 1)
-                    ranking = np.argsort([-run.objective for run in short], kind="stable")[:per_round]
-                    starts = [short[i].theta for i in ranking]
-                    screened += short
-                runs += collect(starts, self.max_maps, self.tolerance, self.patience)
-                best = max(run.objective for run in runs)
-                if sum(best - run.objective <= SAME_OPTIMUM for run in runs) >= min(AGREEMENT, per_round):
-                    break
-        except BaseException:
-            stop[0] = 1
-            if own is not None:
-                own.shutdown(cancel_futures=True)
-            raise
-        if own is not None:
-            own.shutdown()
+        for number in range(self.rounds):
+            total += (self.restarts if self.finalists is not None else 0) + per_round
+            indices = range(number * self.restarts, (number + 1) * self.restarts)
+            starts = [self._start(layout, pins, informed, i) for i in indices]
+            if self.finalists is not None:
+                short = collect(starts, self.screening_maps, 0.0, self.screening_maps + 1)
+                ranking = np.argsort([-run.objective for run in short], kind="stable")[:per_round]
+                starts = [short[i].theta for i in ranking]
+                screened += short
+            runs += collect(starts, self.max_maps, self.tolerance, self.patience)
+            best = max(run.objective for run in runs)
+            if sum(best - run.objective <= SAME_OPTIMUM for run in runs) >= min(AGREEMENT, per_round):
+                break
         winner = max(range(len(runs)), key=lambda i: runs[i].objective)
         return _result(self, log, layout, pins, runs, winner, [run.log_likelihood for run in screened])
 
@@ -226,7 +220,7 @@ class _Run:
         return float(self.trace[-1])
 
 
-def _run(problem: _Problem, theta: Array, settings: tuple[int, float, int, bool, NDArray[np.uint8]]) -> _Run:
+def _run(problem: _Problem, settings: tuple[int, float, int, bool, NDArray[np.uint8]], theta: Array) -> _Run:
     return _Run(
         *em(
             theta, problem.tree.arrays, problem.layout.sizes, problem.layout.emission_index, problem.pseudo,
@@ -246,12 +240,12 @@ def refine(
     """Run one starting point to convergence: theta, its log-likelihood and its objective (for the bootstrap)."""
     problem = _Problem(tree, layout, settings.prior.pseudo_counts(layout), free)
     limits = (settings.max_maps, settings.tolerance, settings.patience, settings.accelerate, stop)
-    run = _run(problem, theta, limits)
+    run = _run(problem, limits, theta)
     return run.theta, run.log_likelihood, run.objective
 
 
 def _result(
-    settings: BaumWelch, log: EventLog, layout: Layout, pins: Mapping[str, Array], runs: list[_Run], best: int,
+    settings: BaumWelch, log: Study, layout: Layout, pins: Mapping[str, Array], runs: list[_Run], best: int,
     screened: list[float],
 ) -> BaumWelchFit:  # fmt: skip
     run = runs[best]

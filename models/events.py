@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from models.design_facts import DesignFacts, facts_of_events
 from models.errors import Phrase, located
 from models.event_rules import (
     COLUMNS,
@@ -33,13 +34,14 @@ from models.event_rules import (
 )
 from models.event_scan import scan_sorted
 from models.histories import UNSEEN, HistoryTree
+from models.notebook_view import MOST_ROWS, NotebookView, Rows, View
 from models.protocol import PUBLISHED, Protocol
 
 __all__ = ["COLUMNS", "INTEGER_COLUMNS", "TOKEN_COLUMNS", "Coded", "EventLog", "EventLogError", "Problem"]
 
 
 @dataclass(frozen=True)
-class EventLog:
+class EventLog(NotebookView):
     """A checked event log.
 
     Attributes
@@ -187,6 +189,11 @@ class EventLog:
         index = np.asarray(self.protocol.emission_index)[self.action[self.response != UNSEEN]]
         return np.bincount(index, minlength=len(self.protocol.emission_actions)).astype(np.float64)
 
+    @cached_property
+    def design(self) -> DesignFacts:
+        """What the design can say about the tables."""
+        return facts_of_events(self.protocol, self.offsets, self.participant, self.action, self.response)
+
     # -- views -------------------------------------------------------------------------------------
     @cached_property
     def run_of_event(self) -> NDArray[np.int64]:
@@ -293,6 +300,17 @@ class EventLog:
             f"EventLog({self.study!r}: {self.n_participants} people, {self.n_runs} runs, {self.n_events} events, "
             f"{self.n_responses_recorded} responses, {len(self.conditions)} conditions)"
         )
+
+    def _view(self) -> View:
+        told = (
+            f"Study {self.study}: {self.n_participants:,} people, {self.n_runs:,} runs, {self.n_events:,} events, "
+            f"{self.n_responses_recorded:,} responses; conditions {', '.join(self.conditions)}."
+        )
+        notes = (f"{self.n_missing:,} responses are missing.",) if self.n_missing else ()
+        # As many runs as fill a screen: a frame of the whole log may be large.
+        runs = int(np.searchsorted(self.offsets, MOST_ROWS))
+        first = self.select(runs=np.arange(min(max(runs, 1), self.n_runs))).to_frame()
+        return View("Event log", "", (), notes, (told,), (Rows(first, self.n_events, ".to_frame()"),))
 
 
 def _integers(values: pd.Series, name: str, place: str) -> NDArray[np.int64]:

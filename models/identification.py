@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.arm_matching import Unmatched, unmatched_actions
 from models.baum_welch_fit import BaumWelchFit
-from models.events import EventLog
+from models.design_facts import Study
 from models.forward_backward import log_likelihood_and_gradient
+from models.notebook_view import NotebookView, View
 from models.parameters import Array, Layout, on_boundary
 
 WEAK = 5.0
@@ -34,7 +36,7 @@ STREAM = 7_002
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(NotebookView):
     """Where the data are silent.
 
     Attributes
@@ -51,6 +53,9 @@ class Identification:
         two transition tables enters the likelihood.
     constant_actions : bool
         Within a person, each mode always came with one and the same action.
+    unmatched : tuple of Unmatched
+        Modes whose actions were met by different people, so that which state is which under them rests on what
+        those people share.
     on_boundary : int
         Free parameters estimated within 1e-4 of 0 or 1 (`models.parameters.on_boundary`).
     hardly_informed : int
@@ -70,6 +75,7 @@ class Identification:
     weak_emissions: tuple[tuple[str, str, float], ...]
     strict_alternation: bool
     constant_actions: bool
+    unmatched: tuple[Unmatched, ...]
     on_boundary: int
     n_parameters: int
     rank: int
@@ -140,12 +146,20 @@ class Identification:
                 "Within a person the robot's action in each mode never varied. What a policy that switches actions "
                 "would do is an extrapolation of the model, not something that was observed."
             )
+        out += [found.sentence for found in self.unmatched]
         if self.n_missing:
             out.append(f"{self.n_missing} responses are missing and are treated as missing at random.")
         return out
 
+    def _view(self) -> View:
+        told = (
+            f"The observed histories tell {self.rank} of {self.n_parameters} free parameters apart; "
+            f"{self.on_boundary} are estimated at 0 or 1."
+        )
+        return View("What the data say of the tables", "", tuple(self.sentences()), (), (told,))
 
-def identification(fit: BaumWelchFit, log: EventLog, *, seed: int = 1) -> Identification:
+
+def identification(fit: BaumWelchFit, log: Study, *, seed: int = 1) -> Identification:
     """Examine a fit and its data.
 
     The rank is that of the per-history scores at random interior points (the larger of two draws), so it
@@ -187,6 +201,7 @@ def identification(fit: BaumWelchFit, log: EventLog, *, seed: int = 1) -> Identi
         weak_emissions=weak_e,
         strict_alternation=several and strictly_alternating(log),
         constant_actions=several and constant_actions(log),
+        unmatched=unmatched_actions(log, fit.pins) if several else (),
         on_boundary=boundary,
         n_parameters=fit.n_parameters,
         rank=score_rank(log, layout, fit.pins, seed=seed),
@@ -195,29 +210,23 @@ def identification(fit: BaumWelchFit, log: EventLog, *, seed: int = 1) -> Identi
     )
 
 
-def strictly_alternating(log: EventLog) -> bool:
+def strictly_alternating(log: Study) -> bool:
     """Whether modes never repeat within a run although responses are seen on both sides of a silent event."""
-    mode = np.asarray(log.protocol.mode_of_action)[log.action]
-    inside = log.run_of_event[1:] == log.run_of_event[:-1]
-    if bool(np.any(inside & (mode[1:] == mode[:-1]))):
-        return False
-    around = log.run_of_event[2:] == log.run_of_event[:-2]
-    return bool(np.any(around & log.shows[2:] & ~log.shows[1:-1] & log.shows[:-2]))
+    return log.design.alternating
 
 
-def constant_actions(log: EventLog) -> bool:
+def constant_actions(log: Study) -> bool:
     """Whether every participant met one action only in each mode."""
-    modes = np.asarray(log.protocol.mode_of_action)[log.action]
-    person = np.unique(log.participant, return_inverse=True)[1][log.run_of_event]
-    pairs = np.unique(np.stack([person, modes, log.action]), axis=1)
-    return pairs.shape[1] == np.unique(pairs[:2], axis=1).shape[1]
+    mode = np.asarray(log.protocol.mode_of_action)
+    others = (mode[:, None] == mode) & ~np.eye(len(mode), dtype=bool)
+    return not np.any(log.design.met & others)
 
 
 def _listed(names: tuple[str, ...]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
-def score_rank(log: EventLog, layout: Layout, pins: Mapping[str, Array], *, seed: int = 1) -> int:
+def score_rank(log: Study, layout: Layout, pins: Mapping[str, Array], *, seed: int = 1) -> int:
     """Numerical rank of the scores of the observed histories with respect to the free, informed parameters."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 0)))
     best = 0
@@ -232,7 +241,7 @@ def score_rank(log: EventLog, layout: Layout, pins: Mapping[str, Array], *, seed
     return best
 
 
-def hardly_informed(fit: BaumWelchFit, log: EventLog, layout: Layout, *, seed: int = 1) -> int:
+def hardly_informed(fit: BaumWelchFit, log: Study, layout: Layout, *, seed: int = 1) -> int:
     """Count the eigenvalues below `UNIFORM_PRECISION` of the empirical information at the fit moved inside."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1)))
     m = fit.model
@@ -245,7 +254,7 @@ def hardly_informed(fit: BaumWelchFit, log: EventLog, layout: Layout, *, seed: i
 
 
 def _scores(
-    log: EventLog, layout: Layout, pins: Mapping[str, Array], theta: Array, rng: np.random.Generator
+    log: Study, layout: Layout, pins: Mapping[str, Array], theta: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Score of each distinct history (of a sample of them in a large log) and how many runs it stands for."""
     tree = log.tree()

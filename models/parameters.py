@@ -13,9 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from models.design_facts import Study
 from models.errors import located
-from models.events import EventLog
-from models.histories import UNSEEN
 from models.lspomdp import check_rows
 from models.protocol import Protocol
 
@@ -106,19 +105,17 @@ class Layout:
             transition[self.protocol.action(action)] = False
         return free
 
-    def informed_rows(self, log: EventLog) -> NDArray[np.bool_]:
+    def informed_rows(self, log: Study) -> NDArray[np.bool_]:
         """Rows whose table the log can say anything about, by design alone.
 
         A transition table needs the action to be followed by another event; an emission table needs a
         recorded response under its action.
         """
-        followed = np.ones(log.n_events, dtype=bool)
-        followed[log.offsets[1:] - 1] = False
-        by_action = np.bincount(log.action[followed], minlength=self.protocol.n_actions) > 0
+        by_action = log.design.followed
         by_emission = log.emission_weights > 0
         return np.concatenate([[True], np.repeat(by_action, self.n_states), np.repeat(by_emission, self.n_states)])
 
-    def informed_entries(self, log: EventLog) -> NDArray[np.bool_]:
+    def informed_entries(self, log: Study) -> NDArray[np.bool_]:
         """`informed_rows`, entry by entry."""
         return np.repeat(self.informed_rows(log), [row.stop - row.start for row in self.rows])
 
@@ -197,9 +194,9 @@ STICKY = DirichletPrior(stay=2.0)
 """Default prior of the Bayesian model: transition rows Dirichlet(1 + 2 on staying), everything else uniform."""
 
 
-def recorded(log: EventLog) -> int:
+def recorded(log: Study) -> int:
     """Recorded responses of a log, refusing logs without any."""
-    n = int(np.count_nonzero(log.response != UNSEEN))
+    n = log.n_responses_recorded
     if n == 0:
         raise located(f"study {log.study!r}, recorded responses", 0, "at least one: nothing can be learned")
     return n

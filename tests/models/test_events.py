@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.errors import InputError
-from models.event_rules import check_columns
+from models.event_rules import Problems, check_columns
 from models.event_scan import scan_sorted
 from models.events import COLUMNS, Coded, EventLog, EventLogError
 from models.histories import UNSEEN
@@ -253,7 +253,8 @@ def test_one_problem_is_not_counted_aloud():
     assert "problems in all" not in str(caught.value)
 
 
-def test_thousands_of_problems_are_counted_and_some_kept():
+def test_thousands_of_problems_are_counted_and_some_kept(monkeypatch):
+    monkeypatch.setattr(Problems, "KEEP", 200)
     rows = [("s", i, "c", 0, 0, "robot_needs_help", "wave", "help") for i in range(1000)]
     with pytest.raises(EventLogError) as caught:
         EventLog.from_frame(frame(rows))

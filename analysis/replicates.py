@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor
 from functools import partial
 from threading import Event
 from typing import Protocol as Interface
@@ -19,6 +18,7 @@ from models.parameters import DirichletPrior, Layout
 from models.person_offset import PersonOffset
 from models.predictive import FullTables, predictive_responses
 from models.simulation import simulate_responses
+from models.spread_out import spread_out
 
 Progress = Callable[[str, int, int], None]
 
@@ -132,29 +132,26 @@ def run_replicates[S, R](
     label : str
         Said to `progress`.
     executor : concurrent.futures.Executor, optional
-        Threads or processes; a pool of threads on all cores by default (the compiled parts hold no lock).
+        Threads, processes or a cluster; a pool of threads on all cores by default (the compiled parts hold no
+        lock). The result does not depend on it.
     progress : callable, optional
         Called with (label, done, total) as replicates finish.
+
+    Raises
+    ------
+    WorkersLostError
+        If workers died and nobody did their work.
+    Exception
+        What a replicate raised, with a note that names it and the seed.
     """
     stop = Event()
-    own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
-    pool = executor or own
-    assert pool is not None
     # An event cannot be sent to processes; replicates in somebody else's pool run to their end.
-    one = partial(run, settings) if own is None else partial(run, settings, stop=stop)
-    futures: dict[Future[R], int] = {}
-    done: dict[int, R] = {}
-    try:
-        futures = {pool.submit(one, index): index for index in range(replicates)}
-        for future in as_completed(futures):
-            done[futures[future]] = future.result()
-            if progress is not None:
-                progress(label, len(done), replicates)
-    finally:
-        # After an error or Ctrl-C nothing new is begun; somebody else's pool stays open.
-        stop.set()
-        for future in futures:
-            future.cancel()
-        if own is not None:
-            own.shutdown(wait=False)
-    return tuple(done[index] for index in sorted(done))
+    one = partial(run, settings) if executor is not None else partial(run, settings, stop=stop)
+    seed = getattr(settings, "seed", None)
+    told = "" if seed is None else f" (seed {seed})"
+    found = spread_out(
+        executor, one, range(replicates),
+        None if progress is None else partial(progress, label),
+        names=lambda index: f"{label}, replicate {index} of 0 to {replicates - 1}{told}", stop=stop.set,
+    )  # fmt: skip
+    return tuple(found)

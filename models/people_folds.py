@@ -12,9 +12,10 @@ so it needs no labels, and people (not runs) are held out.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
 from threading import Event
 
 import numpy as np
@@ -29,6 +30,7 @@ from models.parameters import Array
 from models.people_kernel import PeopleArrays
 from models.person_offset import each_person, person_of_run, reweighted
 from models.smc import SmcSettings, moved, next_temperature, spread, systematic
+from models.spread_out import spread_out
 
 FOLD_STREAM, MOVE_STREAM = 7_105, 7_106
 """First elements of the spawn keys: who is in which fold, and the moves of each fold."""
@@ -64,6 +66,7 @@ def held_out_log_predictive(
     settings: SmcSettings = MOVES,
     *,
     progress: Callable[[int, int], None] | None = None,
+    executor: Executor | None = None,
 ) -> Array:
     """Log predictive of every person by a model that has not seen their fold.
 
@@ -81,6 +84,8 @@ def held_out_log_predictive(
         `particles`, `moves`, `path`, `ess` and `seed` are used.
     progress : callable, optional
         Called with (done, total) folds.
+    executor : concurrent.futures.Executor, optional
+        What folds are spread over; threads of this process by default. The result does not depend on it.
 
     Returns
     -------
@@ -92,27 +97,39 @@ def held_out_log_predictive(
     start = unconstrained_draws(density, kept)
     person = person_of_run(log)
     each = each_person(density.people, density.tree, person) if density.people_differ else None
-    folds = np.unique(fold)
+    folds = np.unique(fold).tolist()
     stop = Event()
-
-    def one(number: int) -> None:
-        members = np.flatnonzero(fold == number)
-        rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(MOVE_STREAM, number)))
-        x = _without(density, start, fold == number, person, each, settings, rng, stop)
-        by_person = person_log_likelihoods(density, constrained(density, x), person, each)[:, members]
-        out[members] = logsumexp(by_person, axis=0) - np.log(len(x))
-
-    pool = ThreadPoolExecutor(max_workers=min(len(folds), os.cpu_count() or 1))
-    try:
-        for done, _ in enumerate(pool.map(one, folds.tolist()), start=1):
-            if progress is not None:
-                progress(done, len(folds))
-    except BaseException:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
-        raise
-    pool.shutdown()
+    job = _Job(density, start, fold, person, each, settings)
+    # An event cannot be sent to processes; folds in somebody else's pool run to their end.
+    one = partial(_one_fold, job) if executor is not None else partial(_one_fold, job, stop=stop)
+    found = spread_out(
+        executor, one, folds, progress, stop=stop.set, names=lambda i: f"fold {folds[i]} (seed {settings.seed})"
+    )
+    for number, values in zip(folds, found, strict=True):
+        out[fold == number] = values
     return out
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What every fold needs, in any process."""
+
+    density: HmmDensity
+    start: Array
+    fold: NDArray[np.int64]
+    person: NDArray[np.int64]
+    each: PeopleArrays | None
+    settings: SmcSettings
+
+
+def _one_fold(job: _Job, number: int, *, stop: Event | None = None) -> Array:
+    """Log predictive of the people of one fold by a model that has not seen them."""
+    inside = job.fold == number
+    rng = np.random.default_rng(np.random.SeedSequence(job.settings.seed, spawn_key=(MOVE_STREAM, number)))
+    x = _without(job.density, job.start, inside, job.person, job.each, job.settings, rng, stop or Event())
+    theta = constrained(job.density, x)
+    by_person = person_log_likelihoods(job.density, theta, job.person, job.each)[:, inside]
+    return np.asarray(logsumexp(by_person, axis=0) - np.log(len(x)))
 
 
 def unconstrained_draws(density: HmmDensity, theta: Array) -> Array:

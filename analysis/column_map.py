@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from models.errors import InputError, located
 from models.events import COLUMNS, TOKEN_COLUMNS
 from models.protocol import MISSING, Protocol
+from models.text_files import toml_of
 
 _KEYS = ("study", "sequence", "separator", "first_round", "join", "missing", "columns", "values")
 _FROM_COLUMNS = tuple(c for c in (*COLUMNS, *TOKEN_COLUMNS) if c != "study")
@@ -71,17 +71,7 @@ def read_map(path: str | Path, protocol: Protocol) -> ColumnMap:
         If the file cannot be read, on an unknown or missing key, on an entry of the wrong kind, and on a
         target value that the protocol does not have.
     """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such map file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    content = toml_of(path, "map file")
     place = str(path)
     _known(place, content, _KEYS)
     study = _entry(place, content, "study", str, "text: the name of the study")

@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from analysis.array_archive import read_arrays
 from models.chains import Chain, unusable
 from models.model_files import write_bytes, write_text
 
@@ -103,9 +104,9 @@ def read_chain(path: Path, about: Mapping[str, Any], columns: int | None = None)
         number, sampler = int(path.stem), about["sampler"]
         if not 0 <= number < sampler["chains"]:
             return f"chain {number} of a run of {sampler['chains']}"
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
-            stats = {k: content[k] for k in content.files if k not in ("x", "cpu_seconds")}
-            chain = Chain(content["x"], stats, float(content["cpu_seconds"]))
+        content = read_arrays(path)
+        stats = {k: v for k, v in content.items() if k not in ("x", "cpu_seconds")}
+        chain = Chain(content["x"], stats, float(content["cpu_seconds"]))
         return unusable(chain, sampler["draws"], columns) or chain
     except UNREADABLE as error:
         return f"cannot be read ({str(error).splitlines()[0][:120] if str(error) else type(error).__name__})"

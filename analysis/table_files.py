@@ -12,6 +12,9 @@ from models.errors import InputError, Phrase, located
 
 PARQUET = b"PAR1"
 
+LARGEST_TABLE = 1 << 30
+"""Bytes that a gzipped or Parquet table may unpack to: it is held in memory, every value of a CSV file as text."""
+
 
 def read_table(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
     """Read columns of a table.
@@ -34,7 +37,7 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None) -> pd.Dat
     InputError
         If the file cannot be read, holds no rows, or lacks a column.
     """
-    source = FileSource.of(path)
+    source = FileSource.of(path, LARGEST_TABLE)
     parquet = source.head[:4] == PARQUET
     table = _parquet(source) if parquet else _csv(source)
     columns = list(dict.fromkeys(table.columns)) if columns is None else columns
@@ -53,10 +56,19 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None) -> pd.Dat
 
 def _parquet(source: FileSource) -> pd.DataFrame:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
     try:
+        head = pq.ParquetFile(source.path)
+        cells = head.metadata.num_rows * max(1, len(head.schema_arrow.names))
+        if cells * 8 > LARGEST_TABLE:
+            raise located(f"{source.path}, cells", cells, f"at most {LARGEST_TABLE // 8}")
+        # Text that is none is found here; pandas would stumble over it much later.
+        pq.read_table(source.path).validate(full=True)
         return pd.read_parquet(source.path).reset_index(drop=True)
-    except (pa.ArrowException, ValueError, OSError) as error:
+    except (pa.ArrowException, ValueError, OSError, TypeError, KeyError, NotImplementedError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{source.path}: damaged Parquet file: {str(error).splitlines()[0]}") from None
 
 

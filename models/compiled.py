@@ -11,9 +11,11 @@ PyTensor compiles with numba, run as they are, and one warning a process says so
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
+import stat
 import tempfile
 import threading
 import warnings
@@ -148,11 +150,26 @@ def _cached(decorator: Callable[..., Any], function: Callable[..., Any] | None) 
 def _writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _refuse_open_folder(folder)
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         _not_kept(error)
         return False
     return True
+
+
+def _refuse_open_folder(folder: Path) -> None:
+    """Compiled code is run as it lies there: nobody may put it there but who runs it, or whose checkout this is.
+
+    Raises
+    ------
+    PermissionError
+    """
+    if os.name != "posix":
+        return
+    found, trusted = folder.stat(), (os.getuid(), 0, _HERE.stat().st_uid)
+    if found.st_uid not in trusted or found.st_mode & stat.S_IWOTH:
+        raise PermissionError(errno.EPERM, "others may write there, and code from it is run", str(folder))
 
 
 _TOLD = threading.Event()

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from models.errors import InputError, located
 from models.lspomdp import ROW_TOLERANCE, LatentStatePOMDP
 from models.protocol import PUBLISHED, Protocol
-from models.reward import PUBLISHED_R, Reward, default_x
+from models.reward import PUBLISHED_R, UNIT, Reward, default_x
+from models.text_files import json_of
 
 SCHEMA = "prosocial-model/1"
 
@@ -43,6 +44,8 @@ def model_to_dict(model: LatentStatePOMDP) -> dict[str, Any]:
     content["reward"] = {
         "x": list(model.reward.x), "r": model.reward.r, "costs": dict(model.reward.costs),
     }  # fmt: skip
+    if model.reward.unit != UNIT:
+        content["reward"]["unit"] = model.reward.unit
     content["protocol"] = protocol.to_dict()
     return content
 
@@ -113,24 +116,7 @@ def write_model(model: LatentStatePOMDP, path: str | Path) -> None:
 
 def read_json(path: str | Path) -> Any:
     """Parse a JSON file; errors name the file, the line and the column."""
-    path = Path(path)
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, a JSON file was wanted") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-    except RecursionError:
-        raise InputError(f"{path}: JSON nested too deeply to be read") from None
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{path}, line {error.lineno}, column {error.colno}: not valid JSON: {error.msg}"
-        ) from None
-    except ValueError:
-        # What is valid JSON and still cannot be read: Python limits how long whole numbers may be.
-        raise InputError(f"{path}: holds a number of more digits than can be read") from None
+    return json_of(path)
 
 
 def write_bytes(path: str | Path, content: bytes | memoryview) -> None:
@@ -184,7 +170,7 @@ def _numbers(place: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float
     wanted = "numbers of shape " + " x ".join(str(n) for n in shape)
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError, RecursionError):
         raise located(place, value, wanted) from None
     if array.shape != shape:
         raise located(f"{place}, shape", array.shape, wanted)
@@ -200,4 +186,7 @@ def _reward(place: str, value: Any, n: int) -> Reward:
     if not isinstance(costs, Mapping):
         raise located(f"{place}, costs", costs, "an object of action costs")
     by_name = {k: float(_numbers(f"{place}, cost of {k}", v, ())) for k, v in costs.items()}
-    return Reward(tuple(x.tolist()), float(r), by_name)
+    try:
+        return Reward(tuple(x.tolist()), float(r), by_name, value.get("unit", UNIT))
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None

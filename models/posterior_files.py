@@ -20,6 +20,7 @@ import xarray as xr
 
 from models.errors import InputError, located
 from models.gate import Gate
+from models.hdf5_check import check_hdf5
 from models.model_files import write_bytes
 from models.posterior import TABLES, Posterior
 from models.protocol import Protocol
@@ -124,8 +125,11 @@ def read_posterior(path: str | Path) -> Posterior:
     if not path.is_file():
         raise InputError(f"{path}: no such fit")
     try:
+        check_hdf5(path)
         with xr.open_datatree(path, engine="h5netcdf") as stored:
             data = stored.load()
+    except InputError:
+        raise
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, RuntimeError) as error:
         raise InputError(f"{path}: not a readable netCDF file ({_short(error)})") from None
     attributes = {str(name): value for name, value in data.attrs.items()}
@@ -143,7 +147,7 @@ def read_posterior(path: str | Path) -> Posterior:
         raise InputError(f"{path}: damaged: attribute {name} {reason}")
 
     protocol = stored_as("protocol", lambda text: Protocol.from_dict(json.loads(text), "protocol"))
-    gate = stored_as("gate", lambda text: Gate(**json.loads(text)))
+    gate = stored_as("gate", _gate)
     settings = stored_as("settings", _mapping)
     states = stored_as("settings", lambda text: _mapping(text)["states"])
     weights = stored_as("emission_weights", lambda text: np.array(json.loads(text), dtype=np.float64))
@@ -167,6 +171,18 @@ def read_posterior(path: str | Path) -> Posterior:
         warnings.warn(f"{path} was made with other versions: {', '.join(other)}", stacklevel=2)
     settings = {**settings, "provenance": provenance}
     return Posterior(data, protocol, gate, settings, weights, *seconds)
+
+
+def _gate(text: Any) -> Gate:
+    """Diagnostics, all numbers where numbers are wanted."""
+    content = _mapping(text)
+    for name, value in content.items():
+        kind = str if name.startswith("worst") else int | float | None
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise TypeError(f"{name} of type {type(value).__name__}")
+    gate = Gate(**content)
+    gate.reasons  # noqa: B018 - whatever they cannot be told from is damage
+    return gate
 
 
 def _mapping(text: Any) -> dict[str, Any]:

@@ -63,6 +63,7 @@ warm: env ## Compile every kernel a report needs, so that no later command pays 
 # The peers get an environment of their own. Their lock is made under the constraint of ours, so every version
 # they share is the same; but a package that happens to be importable changes what others do (optional imports),
 # and the tests must never lean on one that only the benchmarks install.
+# What the documentation shows is measured by ARGS="all --out reports/evidence/bench.json" on an idle machine.
 bench: ## Measure the workbench against its peers (ARGS=name for one)
 	@sh .ci/environment .venv-bench requirements-bench.lock
 	.venv-bench/bin/prosocial bench $(ARGS)

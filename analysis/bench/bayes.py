@@ -26,7 +26,7 @@ import numba
 import numpy as np
 
 from analysis.bench.bayes_contender import Outcome, Settings, cpu_seconds, importable
-from analysis.bench.timing import Row, in_turn, span
+from analysis.bench.timing import Row, Target, Timing, in_turn, ranges, span
 from analysis.simulate import simulate_study1
 from models.events import EventLog
 from models.hmm_density import HmmDensity, log_density
@@ -99,16 +99,30 @@ def effective_draw_rows(caches: str, outcomes: Mapping[str, Outcome | str], judg
             name = f"effective draws a CPU second, engine {ours}, 3 states, {caches}"
             unit = "smallest bulk ESS/s CPU"
             if isinstance(theirs, str):
+                wanted = TARGETS.get((ours, peer)) if judged else None
+                goal = None if wanted is None else Target(">" if wanted == 1 else ">=", wanted)
                 yield Row(
-                    name, mine.rate, None, None, unit, title, note=f"ours {described(mine)}; {title} {theirs}"
-                )
+                    name, mine.rate, None, None, unit, title, "" if wanted is None else goal_words(wanted), None,
+                    f"ours {described(mine)}; {title} {theirs}", goal, (mine.rate, mine.rate), repeats=1,
+                )  # fmt: skip
                 continue
             ratio = mine.rate / theirs.rate
+            goal = None
             wanted = TARGETS.get((ours, peer)) if judged else None
-            target = "" if wanted is None else ("ahead" if wanted == 1 else f">= {wanted:g}x")
-            met = None if wanted is None else (ratio > 1 if wanted == 1 else ratio >= wanted)
+            target = "" if wanted is None else goal_words(wanted)
+            if wanted is not None:
+                goal = Target(">" if wanted == 1 else ">=", wanted)
+            met = goal.holds(ratio) if goal else None
             note = f"ours {described(mine)}; peer {described(theirs)}; free labels, relabelled alike"
-            yield Row(name, mine.rate, theirs.rate, ratio, unit, title, target, met, note)
+            yield Row(
+                name, mine.rate, theirs.rate, ratio, unit, title, target, met, note, goal,
+                (mine.rate, mine.rate), (theirs.rate, theirs.rate), 1, 1,
+            )  # fmt: skip
+
+
+def goal_words(wanted: float) -> str:
+    """A target of `TARGETS` in words."""
+    return "ahead" if wanted == 1 else f">= {wanted:g}x"
 
 
 def described(outcome: Outcome) -> str:
@@ -200,7 +214,8 @@ def threads_row(walls: Mapping[int, list[float]], cpus: Mapping[int, list[float]
         text += f"; the machine was busy or has one processor ({processors}): a missed target would say nothing"
     return Row(
         "4 chains of engine direct in two threads, 3 states", wall[2], wall[1], speed_up, "s wall", "one thread",
-        f">= {SPEED_UP}x", met, text,
+        f">= {SPEED_UP}x", met, text, Target(">=", SPEED_UP),
+        **ranges(Timing.of(walls[2]), 1.0, Timing.of(walls[1])),
     )  # fmt: skip
 
 
@@ -217,7 +232,8 @@ def _cost_of_a_gradient(repeats: int, say: Callable[[str], None]) -> Iterator[Ro
         f"gradient per distinct history, 54,000 people ({large.tree.n_histories} histories), 3 states",
         b.median * unit[1], a.median * unit[0], ratio, "ns CPU",
         f"ours at 540 people ({small.tree.n_histories} histories)", f"<= {SAME_COST}x", bool(ratio <= SAME_COST),
-        f"{span(b, unit[1], 'ns')}; at 540 people {span(a, unit[0], 'ns')}",
+        f"{span(b, unit[1], 'ns')}; at 540 people {span(a, unit[0], 'ns')}", Target("<=", SAME_COST),
+        **ranges(b, unit[1], a, unit[0]),
     )  # fmt: skip
 
 

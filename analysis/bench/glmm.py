@@ -8,7 +8,6 @@ notes, and a fit of ours that ends lower than the peer's meets no target.
 
 from __future__ import annotations
 
-import statistics
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -29,7 +28,7 @@ from analysis.bench.glmm_peers import (
     lme4_version,
     version,
 )
-from analysis.bench.timing import Row, Timing, cpu_time, in_turn, span
+from analysis.bench.timing import Row, Target, Timing, cpu_time, in_turn, ranges, span
 from analysis.regression_data import PERSON, response_table
 from analysis.simulate import simulate_study1
 from models.glmm import LogisticMixedModel
@@ -142,6 +141,7 @@ def against_statsmodels(case: Case, repeat: bool) -> Row:
         row_name(case, 25), ours.median * 1e3, theirs.median * 1e3, theirs.median / ours.median, "ms CPU",
         f"BinomialBayesMixedGLM, {version('statsmodels')}",
         note=f"ours {span(ours, 1e3, 'ms')}, peer {span(theirs, 1e3, 'ms')}; {NOT_LIKELIHOOD}; {sds}",
+        **ranges(ours, 1e3, theirs, 1e3),
     )  # fmt: skip
 
 
@@ -160,6 +160,7 @@ def profile_row(case: Case, repeats: int) -> Row:
         f"{len(which)} profile intervals, 25 nodes, {case.name}", intervals.median * 1e3, fits.median * 1e3, ratio,
         "ms CPU", "one fit of ours", f"< {PROFILE_FITS:g} fits", bool(ratio < PROFILE_FITS),
         f"intervals {span(intervals, 1e3, 'ms')}, fits without the formula {span(fits, 1e3, 'ms')}; ratio in fits",
+        Target("<", PROFILE_FITS), **ranges(intervals, 1e3, fits, 1e3),
     )  # fmt: skip
 
 
@@ -171,7 +172,7 @@ def row_name(case: Case, nodes: int) -> str:
 
 def timing_of(times: list[float]) -> Timing:
     """Median and range."""
-    return Timing(statistics.median(times), min(times), max(times))
+    return Timing.of(times)
 
 
 def agreement(ours: Fitted, theirs: Fitted) -> tuple[bool, str]:
@@ -200,10 +201,12 @@ def judged(
 ) -> Row:
     """A row of two timings; a fit of ours that ended lower than the peer's meets no target."""
     ratio = theirs.median / ours.median
-    met = None if wanted is None else bool(agreed and (ratio > wanted if wanted == 1.0 else ratio >= wanted))
+    goal = None if wanted is None else Target(">" if wanted == 1.0 else ">=", wanted, also="ends no lower")
+    met = None if goal is None else agreed and goal.holds(ratio)
     return Row(
         name, ours.median * 1e3, theirs.median * 1e3, ratio, "ms CPU", peer, target, met,
-        f"ours {span(ours, 1e3, 'ms')}, peer {span(theirs, 1e3, 'ms')}; {text}",
+        f"ours {span(ours, 1e3, 'ms')}, peer {span(theirs, 1e3, 'ms')}; {text}", goal,
+        **ranges(ours, 1e3, theirs, 1e3),
     )  # fmt: skip
 
 
@@ -211,7 +214,7 @@ def absent(name: str, case: Case, nodes: int, peer: str, reason: str) -> Row:
     """Ours alone; the note says why there is no peer."""
     ours = cpu_time(partial(fit_ours, case, nodes), 5)
     note = f"{peer} {reason}; {span(ours, 1e3, 'ms')}"
-    return Row(name, ours.median * 1e3, None, None, "ms CPU", peer, note=note)
+    return Row(name, ours.median * 1e3, None, None, "ms CPU", peer, note=note, **ranges(ours, 1e3))
 
 
 def given_up(name: str, ours: Timing, peer: str) -> Row:
@@ -219,4 +222,5 @@ def given_up(name: str, ours: Timing, peer: str) -> Row:
     return Row(
         name, ours.median * 1e3, PATIENCE * 1e3, PATIENCE / ours.median, "ms CPU", peer,
         note=f"ours {span(ours, 1e3, 'ms')}; peer given up after {PATIENCE:g} s CPU: the ratio is at least this",
+        **ranges(ours, 1e3),
     )  # fmt: skip

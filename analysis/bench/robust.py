@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.bench.planning import PEER, PRECISION, RESOLUTION, peer
-from analysis.bench.timing import Row, cpu_time
+from analysis.bench.timing import Row, Target, cpu_time, ranges
 from models.model_draws import ModelDraws
 from models.planning.batch import BatchSolution, solve_draws
 from models.planning.exact import solve_schedule
@@ -50,10 +50,11 @@ def run(*, quick: bool = False, progress: Callable[[str], None] | None = None) -
     yield Row(
         f"Bayes-adaptive optimum, {n} draws", tree.median, None, None, "s CPU", target=f"<= {TREE_SECONDS:g} s",
         met=tree.median <= TREE_SECONDS, note=f"{tree.low:.3g} to {tree.high:.3g}; {SCHEDULE}, {STATES} states",
+        goal=Target("<=", TREE_SECONDS, "ours"), **ranges(tree, 1.0),
     )  # fmt: skip
     own = cpu_time(lambda: own_plans(study))
     yield Row(f"optimum of every draw, {n} draws", own.median, None, None, "s CPU",
-              note=f"{1e6 * own.median / n:.3g} us a draw")  # fmt: skip
+              note=f"{1e6 * own.median / n:.3g} us a draw", **ranges(own, 1.0))  # fmt: skip
     flipped, _ = contested(study)
     for name, setting in (("published costs", study), ("contested costs", flipped)):
         found = frontier(setting)
@@ -64,6 +65,7 @@ def run(*, quick: bool = False, progress: Callable[[str], None] | None = None) -
             f"frontier of {len(LEVELS)} levels, {n} draws, {name}", line.median, None, None, "s CPU",
             target=f"<= {FRONTIER_SECONDS:g} s, all certified", met=line.median <= FRONTIER_SECONDS and sure,
             note=f"largest gap {gap:.2g}, {sum(p.iterations for p in found.plans)} Bayes trees",
+            goal=Target("<=", FRONTIER_SECONDS, "ours", also="all certified"), **ranges(line, 1.0),
         )  # fmt: skip
     say("many draws")
     times = MOST // 10 // n if quick else MOST // n
@@ -73,6 +75,7 @@ def run(*, quick: bool = False, progress: Callable[[str], None] | None = None) -
     yield Row(
         f"Bayes-adaptive optimum, {times * n} draws", large.median, None, None, "s CPU",
         target=f"<= {LINEAR:g}x a draw", met=ratio <= LINEAR, note=f"{ratio:.3g}x a draw of the {n}",
+        goal=Target("<=", LINEAR, f"cost of a draw beside one of {n}", ratio), **ranges(large, 1.0),
     )  # fmt: skip
     say("without horizon")
     yield from endless(draws)
@@ -111,6 +114,7 @@ def endless(draws: ModelDraws) -> Iterator[Row]:
         target=f"<= {wanted:g} s, all certified", met=seconds <= wanted and certified == len(batch),
         note=f"{certified} certified, largest relative gap {solution.relative_gap.max():.3g}; "
         f"{1e3 * seconds / len(batch):.3g} ms a draw",
+        goal=Target("<=", wanted, "ours", also="all certified"), ours_range=(seconds, seconds), repeats=1,
     )  # fmt: skip
     program = shutil.which(PEER)
     if program is None:
@@ -137,4 +141,5 @@ def _single(program: str, solution: BatchSolution, ours: float) -> Row:
     return Row(
         f"a draw, {len(chosen)} by {PEER}", 1e3 * ours, 1e3 * mean, mean / ours, "ms CPU", PEER,
         note=f"the peer certified {solved} of {len(chosen)}; the others count as its {PEER_SECONDS:g} s",
+        peer_range=(1e3 * min(times), 1e3 * max(times)), repeats=len(batch), peer_repeats=len(times),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.bench.timing import Row
+from analysis.bench.timing import Row, Target, by_the_clock
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
 from models.planning.latent import latent_problem
@@ -113,12 +113,15 @@ def _first(policy: Policy, folder: Path, times: int) -> Iterator[Row]:
         inside.append([float(word) for word in ran.stdout.split()])
     walls, cpus = (list(column) for column in zip(*inside, strict=True))
     wall = statistics.median(walls)
+    goal = Target("<", SECONDS, "ours")
+    met, more = by_the_clock(goal, wall)
     yield Row(
         "import and first decision, fresh process", wall, None, None, "s", target=f"< {SECONDS:g} s",
-        met=wall < SECONDS,
+        met=met,
         note=f"by the clock, {times} processes, {min(walls):.3g} to {max(walls):.3g}; "
         f"CPU {statistics.median(cpus):.3g} s ({min(cpus):.3g} to {max(cpus):.3g}); with Python itself "
-        f"{statistics.median(outside):.3g} s",
+        f"{statistics.median(outside):.3g} s{more}",
+        goal=goal, ours_range=(min(walls), max(walls)), repeats=times,
     )  # fmt: skip
 
 
@@ -151,8 +154,12 @@ def _decisions(name: str, policy: Policy, folder: Path, times: int, *, durable: 
         f"{len(act)} decisions; CPU {np.median(used):.3g} us, 99th percentile {np.quantile(used, 0.99):.3g}; "
         f"observe {np.median(observe):.3g} us, 99th percentile {np.quantile(observe, 0.99):.3g}"
     )
-    target: dict[str, Any] = {} if durable else {"target": f"< {MICROSECONDS:g} us", "met": high < MICROSECONDS}
-    yield Row(f"a decision in the log, median: {name}", median, None, None, "us", note=note)
+    target: dict[str, Any] = {"ours_range": (float(act.min()), float(act.max())), "repeats": len(act)}
+    yield Row(f"a decision in the log, median: {name}", median, None, None, "us", note=note, **target)
+    if not durable:
+        goal = Target("<", MICROSECONDS, "ours")
+        met, more = by_the_clock(goal, high)
+        target |= {"target": f"< {MICROSECONDS:g} us", "goal": goal, "met": met, "note": more.removeprefix("; ")}
     yield Row(f"a decision in the log, 99th percentile: {name}", high, None, None, "us", **target)
 
 
@@ -176,4 +183,5 @@ def _restoring(policy: Policy, folder: Path, events: int) -> Iterator[Row]:
         yield Row(
             name, 1e3 * statistics.median(walls), None, None, "ms",
             note=f"{1e3 * min(walls):.3g} to {1e3 * max(walls):.3g}; {log.stat().st_size / 1e6:.2g} MB",
+            ours_range=(1e3 * min(walls), 1e3 * max(walls)), repeats=len(walls),
         )  # fmt: skip

@@ -30,7 +30,7 @@ def test_rows(small):
     clock, share = list(rows.values())[:2]
     # The slower half of the repeats cannot have taken longer than all of them.
     assert clock.ours > 200 / passed
-    assert clock.met == (clock.ours >= 5_000)
+    assert clock.met is True if clock.ours >= 5_000 else clock.met in (False, None)
     told = re.search(r"([\d.]+) processors used of \d+, load at the start [\d.]+", clock.note)
     assert told is not None
     assert 0 < float(told[1]) < 2.1

@@ -8,11 +8,19 @@ from __future__ import annotations
 
 import hashlib
 import re
+import uuid
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+import models
+
 _ROOT = Path(__file__).resolve().parent.parent
+
+BEGAN = models.IMPORTED
+"""When this process began to import the house."""
+
+_THIS_PROCESS = uuid.uuid4().bytes
 
 PACKAGES = ("models", "analysis")
 """The packages of this checkout."""
@@ -37,6 +45,9 @@ _IMPORT = re.compile(
 def source_digest(*modules: str) -> str:
     """Digest of every source that modules reach through imports, those inside functions included, and of `READS`.
 
+    Code that was edited since this process began to import the house may not be the code that runs: its digest is
+    one that no other process has, so that nothing is found under it, and nothing that is kept is found again.
+
     Parameters
     ----------
     *modules : str
@@ -55,7 +66,14 @@ def source_digest(*modules: str) -> str:
     for source in reached_sources(modules):
         for path in (source, *_read_by(source)):
             digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + _text(path).encode() + b"\0")
+            if edited_since(path, BEGAN):
+                digest.update(_THIS_PROCESS)
     return digest.hexdigest()[:16]
+
+
+def edited_since(path: Path, moment: float) -> bool:
+    """Whether a file was changed after a moment (seconds since the epoch)."""
+    return path.stat().st_mtime > moment
 
 
 def _read_by(source: Path) -> list[Path]:

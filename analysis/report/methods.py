@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from analysis.report.context import ReportContext, versions
 from analysis.report.own_reward import planned_states, rounds_of
@@ -10,6 +10,7 @@ from analysis.report.section import NotSupported, Origin
 from analysis.report.sections import safeguards, sensitivity, sensitivity_own
 from analysis.sensitivity import READING_WORDS
 from analysis.wording import counted
+from models.glmm import DEFAULT_NODES
 
 ARTICLE = "Zahedi et al. (2026, IEEE Robotics and Automation Letters, doi:10.1109/LRA.2026.3668141)"
 
@@ -25,40 +26,98 @@ def methods_paragraph(context: ReportContext, shown: Collection[str] = ()) -> st
     shown : collection of str
         Keys of all figures and tables: sensitivity and safeguards are named where they are among them.
     """
-    log, study = context.log, context.study
+    log = context.log
     people = counted(log.n_participants, "person", "people")
     kind = {Origin.SIMULATED: "simulated ", Origin.REAL: ""}.get(context.origin, "")
     who = people if not kind else people.replace(" p", f" {kind}p", 1)
     origin = "" if context.origin is not Origin.UNSTATED else " (the file does not state whether they are real)"
-    search = next(iter(study.fits.values())).settings
-    sizes = list(map(str, study.states))
-    states = (
-        counted(study.states[0], "state") if len(sizes) == 1 else f"{', '.join(sizes[:-1])} and {sizes[-1]} states"
-    )
-    sampler = context.effort.sampler(context.seed)
     own = versions()
     pinned = ", ".join(context.pins)
     held = f" The transition table of {pinned} was held fixed at the identity." if pinned else ""
     picked = f" (condition {', '.join(context.conditions)})" if context.conditions else ""
-    sizes_shown = [counted(k, "state") for k in context.shown_states]
-    sampled = f" For the model with {' and '.join(sizes_shown)} we" if sizes_shown else " We"
     quick = " These are the settings of a quick report, not for citation." if context.effort.quick else ""
     return (
         f"We analysed {counted(log.n_responses_recorded, 'recorded response')} in "
         f"{counted(log.n_runs, 'run')} of {who}{origin}{picked} with the latent-state model of {ARTICLE}: a hidden "
         "Markov model whose transitions depend on the robot's action and whose responses depend on the state "
-        f"before the transition. Models with {states} were fitted by Baum-Welch (expectation maximisation "
-        f"with monotone extrapolation, {search.restarts} random starts, the best "
-        f"{search.finalists or search.restarts} run to a gain below {search.tolerance:g}, seed {search.seed}) and "
-        f"compared by AIC, BIC and leave-one-person-out prediction.{held}{sampled} sampled the posterior with the "
-        f"No-U-Turn sampler ({sampler.chains} chains of {sampler.draws:,} draws after {sampler.tune:,} of tuning), "
-        "the states summed out; priors are Dirichlet with two pseudo-counts on staying in a state. Plans for a "
-        "known schedule are exact, by backward induction over all histories; plans without horizon come with upper "
-        f"and lower bounds.{_worth(context)}{_depends(context, shown)}{_guarded(context, shown)} "
+        f"before the transition. {_fitted(context, shown)}{held}{_sampled(context, shown)}{_tested(shown)}"
+        f"{_planned(shown)}{_worth(context)}{_depends(context, shown)}{_guarded(context, shown)} "
         f"Analyses were run with the prosocial workbench {own['prosocial-workbench']} (Python "
         f"{own['python']}, numpy {own['numpy']}, numba {own['numba']}, nutpie {own['nutpie']}); the content of the "
         f"data has SHA-256 {context.data.digest[:16]}.{quick}"
     )
+
+
+def _any(shown: Collection[str], *starts: str) -> bool:
+    return any(key.startswith(starts) for key in shown)
+
+
+def _fitted(context: ReportContext, shown: Collection[str]) -> str:
+    """The point estimates: search, criteria, bootstrap, with the settings of each fit."""
+    searches: dict[str, list[int]] = {}
+    for k, fit in context.study.fits.items():
+        search = fit.settings
+        last = "" if search.finalists is None else f", {fit.runs_in_final_stage} of them run on"
+        words = f"{fit.restarts} random starts{last} to a gain below {search.tolerance:g}, seed {search.seed}"
+        searches.setdefault(words, []).append(k)
+    told = "; ".join(f"{_sizes(ks)}: {words}" for words, ks in searches.items())
+    text = f"Baum-Welch (expectation maximisation with monotone extrapolation) fitted models ({told})."
+    if "criteria" in shown and len(context.study.fits) > 1:
+        text += " They were compared by log-likelihood, AIC and BIC."
+    replicates: dict[tuple[str, int], list[int]] = {}
+    for k, boot in context.study.bootstraps.items():
+        replicates.setdefault((boot.kind, len(boot.log_likelihood)), []).append(k)
+    for (kind, n), ks in replicates.items():
+        text += f" Their uncertainty at {_sizes(ks)} is that of a {kind} ({counted(n, 'replicate')})."
+    return text
+
+
+def _sizes(numbers: Sequence[int]) -> str:
+    if len(numbers) == 1:
+        return counted(numbers[0], "state")
+    return f"{', '.join(map(str, numbers[:-1]))} and {numbers[-1]} states"
+
+
+def _sampled(context: ReportContext, shown: Collection[str]) -> str:
+    """The posterior, if anything shown rests on it."""
+    estimates = _any(shown, "contraction-", "posterior-", "robust-")
+    decisions = _any(shown, "sensitivity-shares-", "sensitivity-cost-", "safeguards-table-")
+    if not context.shown_states or not (estimates or decisions):
+        return ""
+    sampler = context.effort.sampler(context.seed)
+    text = (
+        f" At {_sizes(context.shown_states)} we sampled the posterior with the No-U-Turn sampler ({sampler.chains} "
+        f"chains of {sampler.draws:,} draws after {sampler.tune:,} of tuning), the states summed out; priors are "
+        "Dirichlet with two pseudo-counts on staying in a state."
+    )
+    if _any(shown, "checks-"):
+        text += " The model was checked by comparing the data with studies simulated from the posterior."
+    return text
+
+
+def _tested(shown: Collection[str]) -> str:
+    """Regression and analysis of variance, if they are shown."""
+    text = ""
+    if "regression-models" in shown:
+        text += (
+            " Responses were regressed on the robot's actions by logistic mixed models with a random intercept for "
+            f"each person (adaptive Gauss-Hermite quadrature, {DEFAULT_NODES} nodes)."
+        )
+    if "anova-table" in shown:
+        text += " Shares of help were compared between conditions by analysis of variance."
+    if _any(shown, "study2-anova"):
+        text += " The paper's second study was simulated again in a game like its own and tested as it was there."
+    return text
+
+
+def _planned(shown: Collection[str]) -> str:
+    """What plans are, if they are shown."""
+    text = ""
+    if _any(shown, "plan-values-"):
+        text += " Plans for a known schedule are exact, by backward induction over all histories."
+    if _any(shown, "plan-endless-", "robust-endless"):
+        text += " Plans without horizon come with upper and lower bounds."
+    return text
 
 
 def _draws(context: ReportContext) -> int:

@@ -1,4 +1,5 @@
 import csv
+import io
 import re
 import xml.etree.ElementTree as ET
 from functools import partial
@@ -260,7 +261,7 @@ def test_no_such_plan_and_no_text(tmp_path, capsys):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="not UTF-8"):
         read_analysis_plan(tmp_path / "bytes.toml")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder, a TOML file was wanted"):
         read_analysis_plan(tmp_path)
 
 
@@ -277,8 +278,16 @@ def test_methods_name_sizes_settings_and_the_digest(report, small):
     assert "20 simulated people" in text
     assert small.digest[:16] in text
     assert "not for citation" in text
-    settings = next(iter(report.study.fits.values())).settings
-    assert f"{settings.restarts} random starts" in text
+    for fit in report.study.fits.values():
+        assert f"{fit.restarts} random starts, {fit.runs_in_final_stage} of them run on" in text
+    keys = {row["key"] for row in csv.DictReader(io.StringIO((report.parts.folder / "index.csv").read_text()))}
+    claims = {
+        "No-U-Turn": ("contraction-", "posterior-", "robust-"), "AIC and BIC": ("criteria",),
+        "mixed models": ("regression-models",), "analysis of variance": ("anova-table",),
+        "backward induction": ("plan-values-",), "leave-one": ("loo-",),
+    }  # fmt: skip
+    for claim, starts in claims.items():
+        assert (claim in text) <= any(key.startswith(starts) for key in keys), claim
 
 
 def test_the_command_says_where_parts_are(tmp_path, capsys):

@@ -1,6 +1,8 @@
 """Results found again: equal bit for bit, never of other code, other arguments or a damaged file."""
 
 import json
+import os
+import time
 import warnings
 from dataclasses import dataclass, field
 from enum import Enum
@@ -278,6 +280,20 @@ def test_an_edit_anywhere_within_reach_is_other_code(edited, checkout_of_two):
         fresh_digest("models.none")
     with pytest.raises(ValueError, match="no module"):
         fresh_digest()
+
+
+def test_code_edited_under_a_running_process_shares_no_key_with_others(checkout_of_two, monkeypatch):
+    """A notebook's kernel goes on with the old formula after the file has the new one."""
+    monkeypatch.setattr(source_digest, "BEGAN", time.time() + 60)
+    plain = fresh_digest("models.a")
+    monkeypatch.setattr(source_digest, "_THIS_PROCESS", b"another process")
+    assert fresh_digest("models.a") == plain
+    os.utime(checkout_of_two / "models/c.py", (0, time.time() + 120))
+    own = fresh_digest("models.a")
+    assert own != plain
+    monkeypatch.setattr(source_digest, "_THIS_PROCESS", b"one more")
+    assert fresh_digest("models.a") not in (own, plain)
+    assert fresh_digest("models.apart") == fresh_digest("models.apart")
 
 
 def test_every_source_that_reads_a_file_of_the_checkout_says_so(checkout):

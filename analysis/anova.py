@@ -24,6 +24,7 @@ from analysis.repeated_measures import RepeatedMeasures
 from analysis.sphericity import Sphericity, contrasts, sphericity
 from analysis.wording import counted
 from models.errors import Phrase, located
+from models.notebook_view import NotebookView
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ NOTHING = 1e-22
 
 
 @dataclass(frozen=True)
-class MixedAnova:
+class MixedAnova(NotebookView):
     """A mixed analysis of variance.
 
     Attributes

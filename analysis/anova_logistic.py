@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 from analysis.repeated_measures import RepeatedMeasures
 from models.errors import Phrase, located
 from models.glmm_warnings import CeilingWarning, SeparationWarning
+from models.notebook_view import NotebookView
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LogisticTwin:
+class LogisticTwin(NotebookView):
     """Likelihood-ratio tests of the effects of a mixed design on a binary outcome.
 
     Attributes

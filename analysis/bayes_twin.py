@@ -21,13 +21,14 @@ import pandas as pd
 from analysis.regression import LEVEL
 from analysis.regression_data import PERSON, ResponseTable
 from models.errors import InputError
+from models.notebook_view import NotebookView, View, table_rows
 
 MAX_RHAT, MIN_ESS = 1.01, 400.0
 """What a sample has to keep before its numbers are shown without a warning, as in `models.gate`."""
 
 
 @dataclass(frozen=True)
-class Twin:
+class Twin(NotebookView):
     """Posterior of the formula.
 
     Attributes
@@ -73,6 +74,10 @@ class Twin:
             f"draws, seed {self.seed}; sampling {verdict} ({self.divergences} divergences, r-hat at most "
             f"{self.max_rhat:.3f}, at least {self.min_ess:.0f} effective draws)."
         )
+
+    def _view(self) -> View:
+        warnings = () if self.passed else ("the chains do not agree well enough: do not rely on these numbers.",)
+        return View("Bayesian twin", "", warnings, (), (self.sentence,), (table_rows(self.terms, ".terms"),))
 
 
 def why_absent() -> str:

@@ -32,6 +32,7 @@ from analysis.replicates import Progress, run_replicates
 from analysis.wording import counted
 from models.errors import located
 from models.gate import MIN_ESS
+from models.notebook_view import NotebookView, View, table_rows
 
 BLUR_STREAM = 7_202
 """First element of the spawn key that blurs ranks for the test."""
@@ -41,8 +42,10 @@ MAX_SHORT = 0.05
 
 
 @dataclass(frozen=True)
-class CalibrationRun:
+class CalibrationRun(NotebookView):
     """All replicates at one number of states."""
+
+    _whose = "simulated"
 
     settings: CalibrationSettings
     replicates: tuple[Replicate, ...]
@@ -95,7 +98,7 @@ class CalibrationRun:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(NotebookView):
     """Calibration at one or several numbers of states, judged together.
 
     Attributes
@@ -189,6 +192,10 @@ class Calibration:
                 for run in self.runs
             ],
         }  # fmt: skip
+
+    def _view(self) -> View:
+        warnings = () if self.passed else ("ranks of the truths are not uniform: the posterior is not calibrated.",)
+        return View("Calibration", "simulated", warnings, (), (self.sentence,), (table_rows(self.table, ".table"),))
 
 
 def calibrate(

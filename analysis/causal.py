@@ -32,6 +32,7 @@ from models.errors import located
 from models.events import EventLog
 from models.histories import UNSEEN, HistoryTree
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.posterior import TABLES, Posterior
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ ALL_ROUNDS = "all"
 
 
 @dataclass(frozen=True)
-class CausalEffects:
+class CausalEffects(NotebookView):
     """Effects of always acting against never acting, by mode, action and round.
 
     Attributes

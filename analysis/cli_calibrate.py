@@ -9,6 +9,7 @@ import typer
 from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
 from analysis.cli_people_options import PeopleDifferOption, PersonScaleOption, person_offset, refuse_without
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 PUBLISHED_PEOPLE = 540
 DIFFERING_PEOPLE, DIFFERING_RUNS = 300, 3
@@ -32,6 +33,8 @@ def calibrate_command(
         int | None,
         typer.Option(min=1, metavar="3", help="Runs of each person who differs, schedules drawn anew for each."),
     ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -70,8 +73,8 @@ def calibrate_command(
         CalibrationSettings(k, n, participants, seed=seed, people=people, runs_per_person=runs)
         for k, n in zip(sizes, counts, strict=True)
     ]
-    with progress.shown(quiet) as watch:
-        result = calibrate(settings, progress=watch)
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
+        result = calibrate(settings, executor=executor, progress=watch)
     command = (
         f"prosocial calibrate --states {','.join(map(str, sizes))} --replicates {','.join(map(str, counts))} "
         f"--participants {participants} --seed {seed}"

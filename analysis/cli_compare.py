@@ -17,6 +17,7 @@ from analysis.cli_options import (
     load_protocol,
 )
 from analysis.cli_people_options import PeopleDifferOption, PersonNodesOption, PersonScaleOption, person_offset
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 if TYPE_CHECKING:
     from analysis.held_out import HeldOut
@@ -60,6 +61,8 @@ def compare_command(
     quick: Annotated[
         bool, typer.Option("--quick", help="Less work: ranks models, does not settle close calls.")
     ] = (False),
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -103,7 +106,7 @@ def compare_command(
             raise located("--held-out condition, selected", chosen.conditions[0], "several, or --condition all")
         cells_of(chosen.log, leave_out)  # refused before minutes of work, not after
     started = (time.process_time(), time.perf_counter())
-    with progress.shown(quiet) as watch:
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
 
         def fitted(
             log: EventLog, k: int, held: Mapping[str, Array | None], offsets: PersonOffset | None
@@ -124,6 +127,7 @@ def compare_command(
             people=people,
             settings=settings,
             learn=learn,
+            executor=executor,
             progress=watch,
         )
         left_out = None

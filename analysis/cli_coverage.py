@@ -10,6 +10,7 @@ import typer
 
 from analysis.cli_evidence import begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 SHOWN = ("intercept", "rule", "parameter", "interval", "truth", "median", "share", "exact", "below", "above")
 """Columns printed for people; the JSON has all."""
@@ -18,6 +19,8 @@ SHOWN = ("intercept", "rule", "parameter", "interval", "truth", "median", "share
 def coverage_command(
     studies: Annotated[int, typer.Option(min=2, help="Simulated studies at every rate of help.")] = 500,
     participants: Annotated[int, typer.Option(min=10, help="People in each simulated study.")] = 540,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: Annotated[
         str | None, typer.Option("--out", metavar="FILE", help="Write the result as evidence, JSON.")
     ] = None,
@@ -40,10 +43,12 @@ def coverage_command(
 
     report = begin_evidence(json, quiet, out)
     settings = CoverageSettings(people=participants, studies=studies, seed=seed)
-    with progress.shown(quiet) as watch:
-        result = interval_coverage(settings, progress=watch)
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
+        result = interval_coverage(settings, executor=executor, progress=watch)
         tell = None if watch is None else partial(watch, "both rules near the ceiling")
-        ceiling = quadrature_study(CEILING, people=participants, replicates=studies, seed=seed, progress=tell)
+        ceiling = quadrature_study(
+            CEILING, people=participants, replicates=studies, seed=seed, progress=tell, executor=executor
+        )
     words = ["prosocial", "coverage", "--studies", str(studies), "--participants", str(participants)]
     what = "Intervals and estimates of the logistic mixed model where the truth is known: simulated people."
     content = record(

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from models.errors import InputError, Phrase, located
+from models.errors import InputError, Phrase, located, printable
 
 if TYPE_CHECKING:
     from models.protocol import Protocol
@@ -63,7 +63,7 @@ class Report:
         if self.quiet or self._closed:
             return
         try:
-            print(text, file=sys.stderr if self.json_path == "-" else sys.stdout)
+            print(printable(text), file=sys.stderr if self.json_path == "-" else sys.stdout)
         except BrokenPipeError as error:
             if self.json_path in (None, "-"):
                 raise

@@ -240,7 +240,8 @@ def _costs(model: LatentStatePOMDP) -> dict[str, float]:
 
 def _unit(model: LatentStatePOMDP) -> str:
     costs = ", ".join(f"{a} {c:g}" for a, c in _costs(model).items() if c)
-    return f"Values in reward units (r = {model.reward.r:g}; costs: {costs or 'none'})."
+    steep = "" if model.reward.stated else f"r = {model.reward.r:g}; "
+    return f"Values in {model.reward.unit} ({steep}costs: {costs or 'none'})."
 
 
 def _write(policy: Any, out: str | None) -> None:

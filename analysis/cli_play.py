@@ -19,6 +19,7 @@ from analysis.cli_options import (
 )
 from analysis.wording import counted
 from models.errors import InputError, Phrase, located
+from models.text_files import LARGEST_SETTINGS, limited_bytes
 
 if TYPE_CHECKING:
     from models.game.layout import Layout
@@ -194,7 +195,7 @@ def _parameters(path: str | None) -> GameParameters:
 
 def _text(option: str, path: str) -> str:
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return limited_bytes(path, LARGEST_SETTINGS).decode()
     except OSError as error:
         raise InputError(f"{option} {path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:

@@ -24,6 +24,7 @@ from analysis.cli_options import (
     plain,
     write_output,
 )
+from analysis.cli_workers import SchedulerOption, WorkersOption
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,6 +80,8 @@ class EvidenceOptions(OutputOptions):
     out: Annotated[
         str | None, typer.Option("--out", metavar="FILE", help="Also write the result as evidence, JSON.")
     ] = None
+    workers: WorkersOption = None
+    scheduler: SchedulerOption = None
 
     def report(self, read: str | None = None) -> Report:
         """As of `OutputOptions`, the evidence file among what is written."""

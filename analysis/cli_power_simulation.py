@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from analysis.cli_power_options import AlphaOption, EvidenceOptions, WantedOption, with_options
+from analysis.cli_workers import workers_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,8 +101,8 @@ def mixed_model_command(
     if not test and design is not None and len(covariates) != 1:
         raise located("--test", "", f"at least one of {', '.join(covariates) or 'some covariates'}")
     settings = MixedModelPower(rows, coefficients, spread, tested, _sizes(people), studies, alpha, seed=seed)
-    with progress.shown(options.quiet) as watch:
-        result = mixed_model_power(settings, progress=watch)
+    with progress.shown(options.quiet) as watch, workers_of(options.workers, options.scheduler) as executor:
+        result = mixed_model_power(settings, executor=executor, progress=watch)
     answer = result.reached(wanted, by.name)
     report.say(result.table.to_string(index=False, float_format=lambda v: f"{v:.4f}"))
     truth = ", ".join(f"{name} {value:.3g}" for name, value in coefficients.items())
@@ -192,8 +193,8 @@ def contraction_command(
     settings = ContractionPower(
         model, designs, _sizes(people), studies, prior=DirichletPrior(stay=kappa), seed=seed
     )
-    with progress.shown(options.quiet) as watch:
-        result = contraction_power(settings, progress=watch)
+    with progress.shown(options.quiet) as watch, workers_of(options.workers, options.scheduler) as executor:
+        result = contraction_power(settings, executor=executor, progress=watch)
     which = ALL_MOVES if table == "all" else f"moves: {table}"
     answers = {name: result.reached(wanted, which, name) for name in designs}
     shown = result.table[result.table["table"] == which]

@@ -9,6 +9,7 @@ import typer
 
 from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 PRIOR = "prior"
 
@@ -45,6 +46,8 @@ def recover_command(
         int, typer.Option(min=0, help="Bootstrap replicates of EM at the true number of states (slow).")
     ] = 0,
     kappa: Annotated[float, typer.Option(min=0, help="Stickiness: pseudo-counts on staying.")] = 2.0,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -83,8 +86,8 @@ def recover_command(
         select=select, seed=seed,
     )  # fmt: skip
     name = "drawn from the prior" if drawn else "the calibrated truth" if truth is None else f"model file {truth}"
-    with progress.shown(quiet) as watch:
-        result = recover(settings, truth_name=name, progress=watch)
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
+        result = recover(settings, truth_name=name, executor=executor, progress=watch)
     words = ["prosocial", "recover", "--states", ",".join(map(str, sizes)), "--replicates", str(replicates)]
     words += ["--participants", str(participants), "--kappa", f"{kappa:g}", "--seed", str(seed)]
     words += ["--truth", truth] if truth is not None else []

@@ -10,6 +10,7 @@ import typer
 from analysis.cli_evidence import OutOption, begin_evidence, finish_evidence
 from analysis.cli_options import DEFAULT_SEED, JsonOption, QuietOption, SeedOption
 from analysis.cli_plan import STUDY_SCHEDULE
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 replicate = typer.Typer(
     no_args_is_help=True, help="Run whole studies again and again on simulated truths, to test what is claimed."
@@ -35,6 +36,8 @@ def plans_command(
         float, typer.Option(help="Level of the cautious plan, and share of truths in the tail.")
     ] = 0.1,
     kappa: Annotated[float, typer.Option(min=0, help="Stickiness: pseudo-counts on staying.")] = 2.0,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -58,8 +61,8 @@ def plans_command(
     settings = PlanReplicates(
         states, replicates, participants, schedule, alpha, prior=DirichletPrior(stay=kappa), seed=seed
     )
-    with progress.shown(quiet) as watch:
-        result = replicate_plans(settings, progress=watch)
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
+        result = replicate_plans(settings, executor=executor, progress=watch)
     words = ["prosocial", "replicate", "plans", "--states", str(states), "--replicates", str(replicates)]
     words += ["--participants", str(participants), "--schedule", schedule, "--alpha", f"{alpha:g}"]
     words += ["--kappa", f"{kappa:g}", "--seed", str(seed)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from typing import Annotated
 
 import typer
@@ -20,6 +21,7 @@ from analysis.cli_options import (
     distinct_files,
     load_protocol,
 )
+from analysis.cli_planning_options import CostOption, costs_of
 from analysis.wording import counted
 from models.errors import InputError, located
 
@@ -49,7 +51,19 @@ def report_command(
         typer.Option("--compare", metavar="A B", help="Instead: compare two data sets, or stored fits (netCDF)."),
     ] = None,
     schedule: Annotated[
-        str | None, typer.Option("--schedule", help="With --compare: rounds that plans are made for.")
+        str | None, typer.Option("--schedule", help="With --values or --compare: rounds that plans are made for.")
+    ] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--values",
+            metavar="LIST|FILE|measured",
+            help="What a round is worth by state: 12,15.5,30, a JSON file, or measured by the team's tokens.",
+        ),
+    ] = None,
+    cost: CostOption = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", metavar="WORD", help="With --values: what they are in, such as points.")
     ] = None,
     kind: Annotated[
         str | None,
@@ -77,20 +91,28 @@ def report_command(
 
     Every table and figure is also a file under parts/ (--no-parts: none of them).
 
+    Plans for a protocol of your own want what a round is worth: --values 0,18 (above the lowest state; again for
+    another number of states) or --values measured. A file holds values, or an object with values, costs, unit.
+
     An analysis plan has title, date and [[planned]] tables, each with results = [keys of parts/index.csv] and why.
 
     Example: prosocial report --data frd2012 --states 2-4 --out reports/build/frd2012
     """
     if compare is not None:
         unfit = {"--data": data if data != DEFAULT_DATA else None, "--run-length": run_length, "--plan": plan,
-                 "--kind": kind, "--title": title, "--pdf": "given" if pdf else None}  # fmt: skip
+                 "--kind": kind, "--title": title, "--pdf": "given" if pdf else None,
+                 "--values": values and ", ".join(values), "--cost": cost and ", ".join(cost),
+                 "--unit": unit}  # fmt: skip
         for option, value in unfit.items():
             if value is not None:
                 raise located(option, value, "no value: it does not go with --compare")
         _compare(compare, condition, states, pin, schedule, quick, parts, out, json, quiet, seed, protocol)
         return
-    if schedule is not None:
-        raise located("--schedule", schedule, "no value: it belongs to --compare")
+    given_with = {"--schedule": schedule, "--cost": cost and ", ".join(cost), "--unit": unit}
+    for option, value in given_with.items():
+        if value is not None and not values:
+            wanted = "no value: it belongs to --values" + (" or --compare" if option == "--schedule" else "")
+            raise located(option, value, wanted)
     from dataclasses import replace
     from pathlib import Path
 
@@ -99,6 +121,7 @@ def report_command(
     from analysis.report.build import HTML_NAME, PARTS_NAME, PDF_NAME, build_report
     from analysis.report.parts import INDEX, check_parts_folder
     from analysis.report.pdf import check_available
+    from analysis.stated_reward import read_values
 
     report = Report(json, quiet)
     if run_length not in (None, "random", "fixed"):
@@ -117,16 +140,20 @@ def report_command(
         check_output("--out", Path(out) / name)
     distinct_files(
         {"--data": data, "--protocol": protocol, "--plan": plan, "--out": out, "--json": json}
+        | {f"--values {text}": text for text in values or [] if Path(text).is_file()}
         | {f"--out, {name}": Path(out) / name for name in names}
     )
     if pdf:
         check_available()
     given = {"--data": [data], "--condition": condition, "--states": states and [states], "--pin": pin,
              "--run-length": run_length and [run_length], "--kind": kind and [kind], "--title": title and [title],
-             "--protocol": protocol and [protocol], "--plan": plan and [plan], "--seed": [str(seed)]}  # fmt: skip
+             "--protocol": protocol and [protocol], "--plan": plan and [plan], "--values": values, "--cost": cost,
+             "--unit": unit and [unit], "--schedule": schedule and [schedule], "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", *(["--quick"] if quick else [])]
-    command += [word for option, values in given.items() for value in values or [] for word in (option, value)]
-    loaded = datasets.load(data, load_protocol(protocol))
+    command += [word for option, several in given.items() for value in several or [] for word in (option, value)]
+    rules = load_protocol(protocol)
+    loaded = datasets.load(data, rules)
+    reward = read_values(values, loaded.log.protocol, _numbers(cost), unit) if values else None
     card = loaded.card
     card = replace(
         card, run_length=run_length or card.run_length, kind=kind or card.kind, title=title or card.title
@@ -139,7 +166,8 @@ def report_command(
         try:
             result = build_report(
                 loaded, states=states, seed=seed, quick=quick, out=out, condition=condition, pins=pin, pdf=pdf,
-                parts=parts, plan=planned, command=shlex.join(command), progress=watch,
+                parts=parts, plan=planned, reward=reward, schedule=schedule, command=shlex.join(command),
+                progress=watch,
             )  # fmt: skip
         except OSError as error:
             raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
@@ -149,6 +177,7 @@ def report_command(
     for section in result.sections:
         if section.omitted:
             report.say(f"left out: {section.title}: {section.omitted}")
+    report.say(_found(result.found, result.drawn_before))
     written = ", ".join(str(path) for path in (result.html, result.pdf) if path is not None)
     if result.parts is not None:
         figures, tables = counted(result.parts.figures, "figure"), counted(result.parts.tables, "table")
@@ -159,12 +188,29 @@ def report_command(
             "html": result.html, "pdf": result.pdf, "parts": result.parts and result.parts.folder,
             "sections": [{"key": s.key, "title": s.title, "omitted": s.omitted} for s in result.sections],
             "seconds": result.seconds, "compile_seconds": result.study.compile_seconds,
+            "found_in_store": [what for what, found in result.found.items() if found],
+            "computed": [what for what, found in result.found.items() if not found],
+            "figures_found_in_store": sum(result.drawn_before.values()),
             "data": data, "kind": loaded.card.kind, "digest": loaded.digest,
             "conditions": result.selection.conditions, "pins": result.selection.pins,
             "states": result.selection.states, "best_by_bic": result.study.best_by_bic, "quick": quick,
-            "seed": seed,
+            "seed": seed, "reward": None if result.reward is None else result.reward.to_dict(),
         }
     )  # fmt: skip
+
+
+def _numbers(cost: list[str] | None) -> dict[str, float]:
+    return {name: value for name, value in costs_of(cost).items() if value is not None}
+
+
+def _found(results: Mapping[str, bool], figures: Mapping[str, bool]) -> str:
+    """What was found in the store, and what was computed."""
+    text = (
+        f"Found in the store: {sum(results.values())} of {counted(len(results), 'result')}, "
+        f"{sum(figures.values())} of {counted(len(figures), 'figure')}."
+    )
+    anew = [what for what, found in results.items() if not found]
+    return text + (f" Computed: {'; '.join(anew)}." if 0 < len(anew) < len(results) / 2 else "")
 
 
 def _compare(

@@ -33,6 +33,7 @@ from analysis.cli_planning_options import (
     check_tail,
     draws_asked,
 )
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 from analysis.wording import counted
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ def robust_command(
     policy: Annotated[
         str | None, typer.Option("--policy", metavar="FILE", help="Write the chosen plan, for the robot to run.")
     ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -113,12 +116,12 @@ def robust_command(
     asked = next_studies(evsi or (), known.protocol)
     estimate = read_model(plug_in, load_protocol(protocol) if protocol else None) if plug_in else None
     clock = WorkClock()
-    with progress.shown(quiet) as watch:
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
         study = robust_study(
             known, criterion=criterion, alpha=alpha, mean_share=mean_share, lots=not no_lots, plug_in=estimate,
             asked=asked, with_frontier=frontier, chains=source.chains, kinds=source.kinds,
             sampled=source.fit is not None, served=served,
-            cost=participant_cost, seed=seed, progress=watch,
+            cost=participant_cost, seed=seed, executor=executor, progress=watch,
         )  # fmt: skip
     seconds = clock.wall()
     report.say(f"{source.sentence}. Schedule {known.letters}, discount {known.discount:g}.")

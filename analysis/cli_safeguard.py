@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli_options import (
+    DEFAULT_SEED,
     JsonOption,
     ProtocolOption,
     QuietOption,
     Report,
+    SeedOption,
     check_output,
     distinct_files,
     plain,
@@ -84,6 +86,7 @@ def safeguard_command(
     ] = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
+    seed: SeedOption = DEFAULT_SEED,
     protocol: ProtocolOption = None,
 ) -> None:
     """What safeguards change, cost and protect: limits on cost, least influence, confidence, consent.

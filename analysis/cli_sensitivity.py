@@ -29,6 +29,7 @@ from analysis.cli_planning_options import (
     RewardSteepness,
     draws_asked,
 )
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 from models.errors import InputError, Phrase, located
 
 if TYPE_CHECKING:
@@ -84,6 +85,8 @@ def sensitivity_command(
     force: ForceOption = False,
     group: GroupOption = None,
     person: PersonOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -127,11 +130,12 @@ def sensitivity_command(
         endless_certain=min(endless_draws, max(2, -(-endless_draws // 5))),
     )  # fmt: skip
     clock = WorkClock()
-    with progress.shown(quiet) as watch:
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
         told = None if watch is None else _after_compiling(watch)
         study = sensitivity_study(
             asked.draws, r=grids[0], costs=grids[1], readings=readings, discount=discount, beside=others,
-            scores=game_scores(asked.draws.n_states), effort=effort, progress=told,
+            scores=game_scores(asked.draws.n_states), effort=effort, executor=executor,
+            progress=told,
         )  # fmt: skip
     seconds = clock.wall()
     report.say(f"{asked.sentence}. {_discounts(study)}")

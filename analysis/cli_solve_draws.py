@@ -33,6 +33,7 @@ from analysis.cli_planning_options import (
     draws_asked,
 )
 from analysis.cli_solve import TimeLimitOption
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 if TYPE_CHECKING:
     from models.planning.batch import BatchSolution
@@ -74,6 +75,8 @@ def solve_draws_command(
         str | None,
         typer.Option(metavar="SCHEDULE", help=f"Also what draws prefer along a study: {STUDY_SCHEDULE}."),
     ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
@@ -111,8 +114,20 @@ def solve_draws_command(
         schedule_modes(source.draws.protocol, along)
     process = mode_process_of(source.draws.protocol, mode_process, start_mode)
     batch = LatentBatch(source.draws, process, discount)
-    with progress.shown(quiet) as watch:
-        solution = solve_draws(batch, precision, time_limit=time_limit, progress=told_of(watch, "draws solved"))
+    with workers_of(workers, scheduler) as executor:
+        with progress.shown(quiet) as watch:
+            told = told_of(watch, "draws solved")
+            solution = solve_draws(batch, precision, time_limit=time_limit, executor=executor, progress=told)
+        compared = histories = None
+        if pool:
+            with progress.shown(quiet) as watch:
+                told = told_of(watch, "controllers valued")
+                compared = compared_controllers(solution, executor=executor, progress=told)
+        if along is not None:
+            with progress.shown(quiet) as watch:
+                told = told_of(watch, "draws solved from the corners")
+                wide = widened(solution, time_limit=time_limit, executor=executor, progress=told)
+            histories = decisions_along(wide, along, executor=executor)
     stability = start_stability(solution)
     report.say(f"{source.sentence}. {process.words}; discount {discount:g}.")
     report.say(solution.sentence)
@@ -125,17 +140,10 @@ def solve_draws_command(
             f"prosocial: {fit}: {left} of {len(batch)} draws were not solved to a relative gap of {precision:g}",
             file=sys.stderr,
         )
-    compared = None
-    if pool:
-        with progress.shown(quiet) as watch:
-            compared = compared_controllers(solution, progress=told_of(watch, "controllers valued"))
+    if compared is not None:
         report.say(compared.sentence)
         report.say(compared.table(alpha).head(10).to_string(index=False, float_format=lambda v: f"{v:.3f}"))
-    histories = None
-    if along is not None:
-        with progress.shown(quiet) as watch:
-            told = told_of(watch, "draws solved from the corners")
-            histories = decisions_along(widened(solution, time_limit=time_limit, progress=told), along)
+    if histories is not None:
         report.say(histories.table.to_string(index=False))
         report.say(histories.sentence)
     report.finish(

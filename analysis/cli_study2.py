@@ -18,6 +18,7 @@ from analysis.cli_options import (
     check_output,
     distinct_files,
 )
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 from analysis.wording import counted
 from models.errors import located
 
@@ -217,6 +218,8 @@ def replicate_study2_command(
     study1: Annotated[int, typer.Option(min=2, help="People of each study 1.")] = 540,
     states: StatesOption = 4,
     truth: TruthOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     out: EvidenceOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
@@ -241,8 +244,8 @@ def replicate_study2_command(
     settings = Study2Replicates(
         _truth(truth), replicates=replicates, worlds=worlds, people=people, study1=study1, states=states, seed=seed
     )
-    with progress.shown(quiet) as watch:
-        result = study2_evidence(settings, published(), progress=watch)
+    with progress.shown(quiet) as watch, workers_of(workers, scheduler) as executor:
+        result = study2_evidence(settings, published(), executor=executor, progress=watch)
     words = ["prosocial", "replicate", "study2", "--replicates", str(replicates), "--worlds", str(worlds)]
     words += ["--people", str(people), "--study1", str(study1), "--states", str(states)]
     words += [*(() if truth is None else ("--truth", truth)), "--seed", str(seed)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -21,6 +22,7 @@ from models.baum_welch import BaumWelch
 from models.bayesian_fit import fit
 from models.errors import located
 from models.events import EventLog
+from models.notebook_view import NotebookView
 from models.nuts import NutsSettings
 from models.parameters import STICKY, Array, DirichletPrior
 from models.people_folds import MOVES, assign_folds
@@ -90,7 +92,7 @@ class CompareSettings:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(NotebookView):
     """Models side by side under every criterion.
 
     Attributes
@@ -211,6 +213,7 @@ def compare(
     people: PersonOffset | None = None,
     settings: CompareSettings | None = None,
     learn: Learn | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Compare latent-state models with each other and with their rivals.
@@ -230,6 +233,9 @@ def compare(
     learn : callable, optional
         States, pins and person offset to a posterior, where a store of fits is at hand;
         `models.bayesian_fit.fit` by default.
+    executor : concurrent.futures.Executor, optional
+        Does restarts of Baum-Welch and fits without a fold; threads of this process by default. The result does
+        not depend on it.
     progress : callable, optional
         Called with (what is running, done, total).
 
@@ -263,14 +269,17 @@ def compare(
         tell("comparing models", done, len(wanted))
         em = BaumWelch(
             k, restarts=settings.restarts, finalists=settings.finalists, pins=held, seed=settings.seed
-        ).fit(log)
+        ).fit(log, executor=executor)
         posterior = (learn or sampled)(k, held, offset)
         name = {"traits": "people differ, no states", "people": f"{k} states, people differ"}.get(
             kind, f"{k} {kind}"
         )
         models.append(
-            of_latent(log, name, kind, em, posterior, prior, held, fold, settings.evidence, settings.moves, offset)
-        )
+            of_latent(
+                log, name, kind, em, posterior, prior, held, fold, settings.evidence, settings.moves, offset,
+                executor,
+            )
+        )  # fmt: skip
     tell("comparing models", len(wanted), len(wanted))
     return Comparison(tuple(models), stacked(models), settings, prior, log.n_participants, log.n_responses_recorded)
 

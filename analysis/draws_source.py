@@ -168,7 +168,10 @@ def read_draws(
         fit = _fit(path, force, group, protocol)
         everybody = people and fit.people_differ and person is None
         _check_person(fit, person, everybody)
-        own = people_draws(fit, KINDS, thin=draws) if everybody else fit.draws(person)
+        try:
+            own = people_draws(fit, KINDS, thin=draws) if everybody else fit.draws(person)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
         kinds = KINDS if everybody else 1
     else:
         for option, value in (("--group", group), ("--person", person)):

@@ -25,7 +25,6 @@ from models.event_rules import Problems
 from models.events import TOKEN_COLUMNS, Coded, EventLog, EventLogError
 from models.protocol import MISSING, NO_RESPONSE, PUBLISHED, Protocol
 
-
 EXACT = 1 << 53
 """Largest number of a round or a sequence: beyond, not every integer has a floating-point number of its own."""
 

@@ -120,7 +120,8 @@ class EventSorter:
                     if self._written > self._disk:
                         raise located(
                             f"{self._place}, rows out of order, bytes of temporary files",
-                            Phrase(f"more than {self._disk:,}"), f"at most {self._disk:,}; allow more, or sort the file",
+                            Phrase(f"more than {self._disk:,}"),
+                            f"at most {self._disk:,}; allow more, or sort the file",
                         )  # fmt: skip
                     out.write(part.tobytes())
         except OSError as error:

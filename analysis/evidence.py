@@ -8,7 +8,7 @@ hold, but nobody has looked, and whoever shows it says so.
 from __future__ import annotations
 
 import datetime
-import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,19 @@ from typing import Any
 from analysis.design import DATA_FOLDER
 from models.compiled import kernel_digest
 from models.errors import InputError, located
+from models.notebook_view import NotebookView
 from models.posterior_files import versions
+from models.text_files import json_of
 
 FOLDER = DATA_FOLDER.parent / "reports" / "evidence"
 """Where stored evidence lies."""
 
 ENGINE = ("models.baum_welch", "models.bootstrap", "models.fit_tree", "models.nuts", "models.smc")
 """What calibration and recovery rest on, the direct engine: only kernels that these reach make them stale."""
+
+_KINDS: dict[str, type] = {"command": str, "date": str, "modules": list, "versions": dict, "sentence": str}
+_WORDS: dict[type, str] = {str: "text", list: "a list", dict: "an object"}
+_MODULE = re.compile(r"[A-Za-z_]\w{0,60}(\.[A-Za-z_]\w{0,60}){0,6}", re.ASCII)
 
 NEEDED = ("what", "command", "seed", "kernel_digest", "versions", "sentence")
 
@@ -52,7 +58,7 @@ def record(
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Evidence(NotebookView):
     """One evidence file.
 
     Attributes
@@ -114,10 +120,16 @@ def read_evidence(name: str, folder: Path | None = None) -> Evidence | None:
     if not path.is_file():
         return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable evidence ({error})") from None
+        content = json_of(path)
+    except InputError as error:
+        raise InputError(f"{path}: not readable evidence ({str(error).removeprefix(str(path))})") from None
     missing = [key for key in NEEDED if not isinstance(content, dict) or key not in content]
     if missing:
         raise located(f"{path}, keys that are missing", ", ".join(missing), "none: see analysis/evidence.py")
+    for key, kind in _KINDS.items():
+        if key in content and not isinstance(content[key], kind):
+            raise located(f"{path}, {key}", content[key], f"{_WORDS[kind]}: see analysis/evidence.py")
+    modules = content.get("modules", [])
+    if not all(isinstance(name, str) and _MODULE.fullmatch(name) for name in modules):
+        raise located(f"{path}, modules", modules, "names of modules, with points")
     return Evidence(path, content)

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from analysis.design import published
 from analysis.game_study import PlayedStudy, play_study1
 from analysis.simulate import DEFAULT_SEED, calibrated_truth
+from analysis.state_scores import state_scores
 from models.errors import Phrase, located
-from models.events import EventLog
 from models.game.layout import Layout, packaged
 from models.game.parameters import TICKS_A_SECOND, GameParameters
 from models.game.state import HUMAN
-from models.inference import smoothed
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 
 STUDIES = 20
 """Studies that a calibration plays by default."""
@@ -39,7 +39,7 @@ _TASK = 103
 
 
 @dataclass(frozen=True)
-class GameCalibration:
+class GameCalibration(NotebookView):
     """What the game measures beside what the paper prints.
 
     Attributes
@@ -57,6 +57,8 @@ class GameCalibration:
     parameters : GameParameters
     studies, participants, seed : int
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     freed: float
@@ -214,20 +216,6 @@ def calibrate_game(
     return GameCalibration(
         table, won / n_won, lost / n_lost, unseen, layout, parameters, studies, participants, seed
     )
-
-
-def state_scores(model: LatentStatePOMDP, log: EventLog) -> NDArray[np.float64]:
-    """Mean team tokens a round by state, rounds weighted by the smoothed state probabilities; shape ``[s]``.
-
-    Raises
-    ------
-    InputError
-        If the log has no token column, or not for every event.
-    """
-    if "team_tokens" not in log.tokens or np.isnan(log.tokens["team_tokens"]).any():
-        raise located(f"study {log.study!r}, team_tokens", sorted(log.tokens), "the team's tokens at every event")
-    weight = smoothed(model, log)
-    return (weight * log.tokens["team_tokens"][:, None]).sum(axis=0) / weight.sum(axis=0)
 
 
 def interruptions(played: PlayedStudy) -> tuple[float, float, float, float]:

@@ -23,6 +23,7 @@ from models.game.rounds import RoundOutcomes, play_rounds
 from models.game.state import HUMAN, ROBOT
 from models.histories import UNSEEN
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.protocol import Protocol
 
 GAME_STUDY1_NAME = "simulated_study1_in_game"
@@ -123,7 +124,7 @@ def play_study1(
 
 
 @dataclass(frozen=True)
-class LearnedFromBoth:
+class LearnedFromBoth(NotebookView):
     """What Baum-Welch learns from the same people, simulated directly and seen in the game.
 
     Attributes
@@ -142,6 +143,8 @@ class LearnedFromBoth:
         Of every fit.
     participants, seed : int
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     rates: pd.DataFrame

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from models.errors import InputError, located
+from models.errors import InputError, Phrase, located
 from models.event_rules import one_of
 from models.events import EventLog
 from models.groups import MANY_GROUPS, Groups
+from models.text_files import limited_bytes
 
 BY_CONDITION = "condition"
 
@@ -59,11 +61,12 @@ def from_file(path: Path, column: str, differ: Sequence[str], log: EventLog) -> 
     if not path.is_file():
         raise InputError(f"--group: {path}: no such file")
     try:
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False)
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise InputError(
-            f"--group: {path}: not a CSV file that can be read ({str(error).splitlines()[0]})"
-        ) from None
+        frame = pd.read_csv(io.BytesIO(limited_bytes(path)), dtype=str, keep_default_na=False)
+    except (OSError, ValueError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"--group: {path}: not a CSV file that can be read ({reason})") from None
     for wanted in ("participant", column):
         if wanted not in frame.columns:
             raise located(f"{path}, column", wanted, one_of([str(c) for c in frame.columns]))
@@ -73,6 +76,8 @@ def from_file(path: Path, column: str, differ: Sequence[str], log: EventLog) -> 
             participant = int(who)
         except ValueError:
             raise located(f"{path}, line {row}, participant", who, "an integer") from None
+        if not isinstance(what, str):
+            raise located(f"{path}, line {row}", Phrase("fewer fields than the header"), "as many")
         if not what.strip():
             continue  # no value: an error only if this participant is in the log
         if value.setdefault(participant, what.strip()) != what.strip():
@@ -80,7 +85,10 @@ def from_file(path: Path, column: str, differ: Sequence[str], log: EventLog) -> 
                 f"{path}, line {row}, {column} of participant {participant}", what,
                 f"{value[participant]!r}, as in an earlier line",
             )  # fmt: skip
-    groups = Groups.by_person(log, value, column, differ)
+    try:
+        groups = Groups.by_person(log, value, column, differ)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     people = len(np.unique(log.participant))
     most = min(MOST_GROUPS, max(MANY_GROUPS, people // PEOPLE_A_GROUP))
     if groups.n > most:

@@ -35,6 +35,7 @@ from analysis.randomised_arms import arms
 from models.errors import Phrase, located
 from models.events import EventLog
 from models.histories import UNSEEN
+from models.notebook_view import NotebookView, View, table_rows
 from models.parameters import Array
 
 Progress = Callable[[str, int, int], None]
@@ -47,7 +48,7 @@ STREAM = 302
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOut(NotebookView):
     """Predictions of parts of a study by contenders that have not seen them.
 
     Attributes
@@ -145,6 +146,12 @@ class HeldOut:
         from analysis.held_out_words import warnings
 
         return warnings(self)
+
+    def _view(self) -> View:
+        tables = (table_rows(self.ranking, ".ranking"),)
+        return View(
+            f"Predictions of held-out {self.by}s", self.kind, tuple(self.warnings), (), (self.sentence,), tables
+        )
 
 
 def held_out(

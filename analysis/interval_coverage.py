@@ -27,6 +27,7 @@ from models.glmm import DEFAULT_NODES
 from models.glmm_data import Likelihood, Rule
 from models.glmm_optimise import maximise
 from models.glmm_profile import profile_intervals
+from models.notebook_view import NotebookView
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ class CoverageSettings:
 
 
 @dataclass(frozen=True)
-class CoverageResult:
+class CoverageResult(NotebookView):
     """How often intervals hold the truth.
 
     Attributes
@@ -131,6 +132,8 @@ class CoverageResult:
     settings : CoverageSettings
     seconds : float
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     rates: pd.DataFrame

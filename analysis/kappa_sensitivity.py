@@ -20,6 +20,7 @@ from analysis.fits import stored_fit
 from analysis.uncertainty import EVERYONE, contraction, contrasts
 from models.errors import located
 from models.events import EventLog
+from models.notebook_view import NotebookView
 from models.nuts import NutsSettings
 from models.parameters import Array, DirichletPrior
 from models.posterior import Posterior
@@ -28,7 +29,7 @@ KAPPAS = (0.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True)
-class KappaSensitivity:
+class KappaSensitivity(NotebookView):
     """Answers by kappa.
 
     Attributes

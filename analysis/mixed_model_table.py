@@ -69,7 +69,7 @@ def used_as_is(name: str, formula: str) -> bool:
 
 def _check_kind(column: pd.Series, path: str) -> None:
     """Refuse text among numbers."""
-    if not pd.api.types.is_string_dtype(column.dtype):
+    if not pd.api.types.is_string_dtype(column):  # of the values: Parquet holds bytes, times and lists, too
         return
     text = column.astype(object).str.strip()
     known = text[text.notna() & ~text.isin(ABSENT)]
@@ -82,7 +82,7 @@ def _check_kind(column: pd.Series, path: str) -> None:
 
 
 def _typed(column: pd.Series) -> pd.Series:
-    if not pd.api.types.is_string_dtype(column.dtype):
+    if not pd.api.types.is_string_dtype(column):
         return column  # Parquet files say what they hold
     text = column.astype(object).str.strip()
     text = text.where(~text.isin(ABSENT), None)

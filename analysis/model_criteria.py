@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -163,6 +164,7 @@ def of_latent(
     evidence: SmcSettings,
     moves: SmcSettings,
     people: PersonOffset | None = None,
+    executor: Executor | None = None,
 ) -> ModelCriteria:
     """Criteria of a model with a latent state, changing or not.
 
@@ -181,6 +183,8 @@ def of_latent(
         For the marginal likelihood and for the folds.
     people : PersonOffset, optional
         Where `posterior` is of the hierarchical version; `em` is then where the search for its maximum starts.
+    executor : concurrent.futures.Executor, optional
+        What folds are spread over; threads of this process by default. The result does not depend on it.
     """
     density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
     marginal = log_marginal_likelihood(density, evidence)
@@ -192,9 +196,9 @@ def of_latent(
         highest = people_maximum(density, em)
         value, parameters, converged = highest.log_likelihood, parameters + 1, highest.converged
     sample = posterior.data["log_likelihood"]["participant"].to_numpy()
+    left_out = held_out_log_predictive(log, density, theta, fold, moves, executor=executor)
     return ModelCriteria(
         name, kind, posterior.n_states, value, parameters, 2.0 * parameters - 2.0 * value,
         float(np.log(log.n_responses_recorded)) * parameters - 2.0 * value, loo_by_person(sample, alike(log)),
-        marginal.estimate, marginal.error, held_out_log_predictive(log, density, theta, fold, moves),
-        posterior.gate, converged,
+        marginal.estimate, marginal.error, left_out, posterior.gate, converged,
     )  # fmt: skip

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -17,12 +19,14 @@ from models.events import EventLog
 from models.inference import run_log_likelihoods
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.parameters import Array
 from models.planning.evaluation import evaluate_schedule
 from models.planning.exact import solve_schedule
 from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
 from models.simulation import simulate_responses
+from models.spread_out import spread_out
 
 LEVEL = 0.95
 PAIRS = 4000
@@ -60,7 +64,7 @@ def rate_differences(a: EventLog, b: EventLog) -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class EntryDifferences:
+class EntryDifferences(NotebookView):
     """Every entry of the tables on both sides.
 
     Attributes
@@ -166,7 +170,7 @@ def cross_prediction(a: Side, b: Side, states: int) -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class SameModelTest:
+class SameModelTest(NotebookView):
     """Whether one model for both sides does as well as one each.
 
     Attributes
@@ -200,7 +204,7 @@ class SameModelTest:
 
 def same_model_test(
     a: EventLog, b: EventLog, states: int, settings: BaumWelch, replicates: int = 99, *,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None, executor: Executor | None = None,
 ) -> SameModelTest:  # fmt: skip
     """Likelihood-ratio test of one model for both data sets, by parametric bootstrap.
 
@@ -215,21 +219,31 @@ def same_model_test(
     replicates : int
     progress : callable, optional
         Called with (pairs done, pairs in all).
+    executor : concurrent.futures.Executor, optional
+        What simulated pairs are spread over; threads of this process by default. The result does not depend on it.
     """
     both = pooled(a, b)
     pooled_fit = settings.fit(both)
     separate = sum(settings.fit(log).log_likelihood for log in (a, b))
     statistic = max(0.0, 2 * (separate - pooled_fit.log_likelihood))
-    null = np.empty(replicates)
-    for i in range(replicates):
-        rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM_TEST, states, i)))
-        pair = [simulate_responses(pooled_fit.model, log, rng)[0] for log in (a, b)]
-        apart = sum(settings.fit(log).log_likelihood for log in pair)
-        null[i] = max(0.0, 2 * (apart - settings.fit(pooled(*pair)).log_likelihood))
-        if progress is not None:
-            progress(i + 1, replicates)
+    one = partial(_simulated_gain, pooled_fit.model, a, b, settings, states)
+    gains = spread_out(
+        executor, one, range(replicates), progress,
+        names=lambda i: f"simulated pair {i} at {counted(states, 'state')} (seed {settings.seed})",
+    )  # fmt: skip
+    null = np.array(gains)
     p = (1 + int((null >= statistic).sum())) / (replicates + 1)
     return SameModelTest(states, pooled_fit.n_parameters, statistic, null, p)
+
+
+def _simulated_gain(
+    model: LatentStatePOMDP, a: EventLog, b: EventLog, settings: BaumWelch, states: int, index: int
+) -> float:
+    """Twice the log-likelihood that two models gain where one is true."""
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM_TEST, states, index)))
+    pair = [simulate_responses(model, log, rng)[0] for log in (a, b)]
+    apart = sum(settings.fit(log).log_likelihood for log in pair)
+    return max(0.0, 2 * (apart - settings.fit(pooled(*pair)).log_likelihood))
 
 
 def pooled(a: EventLog, b: EventLog) -> EventLog:

@@ -11,6 +11,7 @@ from scipy import stats
 
 from models.events import EventLog
 from models.histories import UNSEEN
+from models.notebook_view import NotebookView
 
 RULE = "A run counts as cut short if it has fewer events than the longest run of its condition."
 """The definition of dropout used here; it means nothing where run lengths are random by design."""
@@ -139,7 +140,7 @@ def mantel_haenszel(tables: NDArray[np.int64]) -> StratifiedTest | None:
 
 
 @dataclass(frozen=True)
-class DropoutTest:
+class DropoutTest(NotebookView):
     """Whether runs end more often after one response than after another.
 
     Attributes

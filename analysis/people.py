@@ -19,6 +19,7 @@ from analysis.model_criteria import alike, loo_by_person
 from analysis.predictive_checks import PredictiveChecks, posterior_checks
 from analysis.wording import counted
 from models.events import EventLog
+from models.notebook_view import NotebookView
 from models.person_offset import PersonOffset
 from models.posterior import SPREAD, Posterior
 
@@ -115,7 +116,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class PeopleStudy:
+class PeopleStudy(NotebookView):
     """The comparison at several numbers of states."""
 
     pairs: tuple[Pair, ...]

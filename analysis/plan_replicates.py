@@ -22,6 +22,7 @@ from models.baum_welch import BaumWelch
 from models.bayesian_fit import fit
 from models.errors import located
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.nuts import Chain, NutsSettings
 from models.parameters import STICKY, Array, DirichletPrior, Layout
 from models.planning.baselines import always, never
@@ -163,7 +164,7 @@ def _rebased(schedule: Schedule, draws: ModelDraws) -> Schedule:
 
 
 @dataclass(frozen=True)
-class PlanReport:
+class PlanReport(NotebookView):
     """What came of all truths.
 
     Attributes
@@ -171,6 +172,8 @@ class PlanReport:
     settings : PlanReplicates
     results : tuple of PlansInTruth
     """
+
+    _whose = "simulated"
 
     settings: PlanReplicates
     results: tuple[PlansInTruth, ...]

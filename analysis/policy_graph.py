@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from models.notebook_view import NotebookView
 from models.planning.belief_model import BeliefModel
 from models.planning.controller import FiniteStateController, controller_of
 from models.planning.problem import Problem
@@ -30,7 +31,7 @@ class Arrow:
 
 
 @dataclass(frozen=True)
-class PolicyGraph:
+class PolicyGraph(NotebookView):
     r"""A controller with what happens in each of its nodes, where the problem it was made for is true.
 
     Attributes

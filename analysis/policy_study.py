@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.planning.baselines import baselines, myopic, never
 from models.planning.belief_model import BeliefModel
 from models.planning.belief_policy import BeliefPolicy
@@ -35,7 +36,7 @@ OPTIMAL, LEARNED = "optimal", "optimal by the learned model"
 
 
 @dataclass(frozen=True)
-class PolicyStudy:
+class PolicyStudy(NotebookView):
     """Policies over one schedule.
 
     Attributes

@@ -18,6 +18,7 @@ from analysis.anova import LEVEL
 from analysis.dunnett import dunnett_critical, dunnett_tail
 from analysis.repeated_measures import RepeatedMeasures, check_columns, labels, numbers, row_name
 from models.errors import InputError, Phrase, located
+from models.notebook_view import NotebookView
 
 Array = NDArray[np.float64]
 
@@ -113,7 +114,7 @@ class PersonValues:
 
 
 @dataclass(frozen=True)
-class Comparisons:
+class Comparisons(NotebookView):
     """Groups compared two by two.
 
     Attributes

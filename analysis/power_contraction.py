@@ -30,6 +30,7 @@ from analysis.wording import counted
 from models.bayesian_fit import fit
 from models.errors import located
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.nuts import Chain, NutsSettings
 from models.parameters import STICKY, DirichletPrior
 from models.protocol import PUBLISHED
@@ -105,7 +106,7 @@ class LearnedStudy:
 
 
 @dataclass(frozen=True)
-class ContractionPowerResult:
+class ContractionPowerResult(NotebookView):
     """Expected contraction by design, number of people and table.
 
     Attributes
@@ -119,6 +120,8 @@ class ContractionPowerResult:
     level : float
     seconds : float
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     values: pd.DataFrame

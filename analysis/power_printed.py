@@ -17,6 +17,7 @@ from scipy import optimize
 
 from analysis.design import published
 from analysis.power_formulas import FTestDesign, curve_people, power, power_curve, sample_size
+from models.notebook_view import NotebookView
 
 USUAL_RHO = 0.5
 """Correlation between measurements that G*Power starts from."""
@@ -39,7 +40,7 @@ CANDIDATES: Mapping[str, tuple[FTestDesign, ...]] = {
 
 
 @dataclass(frozen=True)
-class PrintedSizes:
+class PrintedSizes(NotebookView):
     """Formulas beside the printed numbers of people.
 
     Attributes
@@ -53,6 +54,8 @@ class PrintedSizes:
     settings : DataFrame
         One row a study: ``study, f, alpha, power, printed`` as the paper prints them.
     """
+
+    _whose = "printed"
 
     table: pd.DataFrame
     settings: pd.DataFrame

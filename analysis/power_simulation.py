@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from analysis.design import study1_design
+from analysis.design import StudyDesign, study1_design
 from analysis.power_curves import Reached, reached, wilson_interval
 from analysis.replicates import Progress, run_replicates
 from models.errors import Phrase, located
@@ -31,6 +31,7 @@ from models.glmm_data import Patterns, Rule
 from models.glmm_formula import split_groups
 from models.glmm_optimise import maximise
 from models.glmm_supremum import supremum
+from models.notebook_view import NotebookView
 from models.protocol import PUBLISHED
 
 Array = NDArray[np.float64]
@@ -69,7 +70,8 @@ class ResponseDesign:
     kind_of_row : int64[row]
         Ascending.
     draw : callable
-        ``(people, rng)`` to the kind of every person.
+        ``(people, rng)`` to the kind of every person; of a module, not made on the spot, if studies are to run
+        in other processes.
     words : str
     """
 
@@ -159,7 +161,7 @@ class MixedModelPower:
 
 
 @dataclass(frozen=True)
-class MixedModelPowerResult:
+class MixedModelPowerResult(NotebookView):
     """Power by number of people.
 
     Attributes
@@ -172,6 +174,8 @@ class MixedModelPowerResult:
     settings : MixedModelPower
     seconds : float
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     settings: MixedModelPower
@@ -219,13 +223,13 @@ def study1_rows(formula: str = STUDY1_FORMULA) -> ResponseDesign:
             helping = condition.actions["human_needs_help"] == "help"
             kind = c * len(plan.schedules) + s
             rows += [{"participant": kind, "signal": int(signal), "robot_help": int(helping)}] * responses
-
-    def draw(people: int, rng: np.random.Generator) -> Integers:
-        condition = np.repeat(np.arange(len(plan.conditions)), plan.allocation(people))
-        return condition * len(plan.schedules) + rng.integers(0, len(plan.schedules), people)
-
     words = f"study 1's {len(plan.conditions)} conditions and {len(plan.schedules)} schedules"
-    return _design(pd.DataFrame(rows), formula, draw, words)
+    return _design(pd.DataFrame(rows), formula, partial(_drawn_as_planned, plan), words)
+
+
+def _drawn_as_planned(plan: StudyDesign, people: int, rng: np.random.Generator) -> Integers:
+    condition = np.repeat(np.arange(len(plan.conditions)), plan.allocation(people))
+    return condition * len(plan.schedules) + rng.integers(0, len(plan.schedules), people)
 
 
 def rows_of_table(frame: pd.DataFrame, formula: str, name: str = "table") -> ResponseDesign:
@@ -251,12 +255,13 @@ def rows_of_table(frame: pd.DataFrame, formula: str, name: str = "table") -> Res
     order = np.argsort(code, kind="stable")
     kinds = int(code.max()) + 1
 
-    def draw(people: int, rng: np.random.Generator) -> Integers:
-        left = rng.permutation(kinds)[: people % kinds]
-        return np.sort(np.concatenate([np.tile(np.arange(kinds), people // kinds), left])).astype(np.int64)
-
     ordered = frame.iloc[order].assign(**{str(group): code[order]}).reset_index(drop=True)
-    return _design(ordered, formula, draw, f"the {kinds} people of {name} as kinds")
+    return _design(ordered, formula, partial(_drawn_equally, kinds), f"the {kinds} people of {name} as kinds")
+
+
+def _drawn_equally(kinds: int, people: int, rng: np.random.Generator) -> Integers:
+    left = rng.permutation(kinds)[: people % kinds]
+    return np.sort(np.concatenate([np.tile(np.arange(kinds), people // kinds), left])).astype(np.int64)
 
 
 def _design(

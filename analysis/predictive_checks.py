@@ -25,6 +25,7 @@ from models.events import EventLog
 from models.groups import Groups
 from models.histories import UNSEEN
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.parameters import Array, DirichletPrior, Layout
 from models.posterior import Posterior
 from models.predictive import predictive_responses, tables_of
@@ -125,7 +126,7 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class PredictiveChecks:
+class PredictiveChecks(NotebookView):
     """Observed statistics among those of simulated studies.
 
     Attributes

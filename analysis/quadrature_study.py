@@ -8,27 +8,35 @@ between people but "large", and one node cannot describe what is left.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from models.errors import located
 from models.glmm import DEFAULT_NODES, LogisticMixedModel
 from models.glmm_data import Rule
 from models.glmm_optimise import maximise
 from models.glmm_simulation import patterns_of, simulate_successes
+from models.notebook_view import NotebookView
+from models.spread_out import spread_out
 
 STREAM = 7_405
 """First element of the spawn keys used here."""
+
+TOGETHER = 8
+"""Studies that are sent to another process together."""
 
 CEILING = (0.0, 1.0, 2.0, 2.5, 3.0, 3.5)
 """Intercepts from where a third of the people always help to where nearly all do."""
 
 
 @dataclass(frozen=True)
-class QuadratureStudy:
+class QuadratureStudy(NotebookView):
     """Estimates under both rules, one row a simulated study.
 
     Attributes
@@ -41,6 +49,8 @@ class QuadratureStudy:
     people, responses : int
     seed : int
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     sd: float
@@ -89,7 +99,7 @@ class QuadratureStudy:
 def quadrature_study(
     intercepts: Sequence[float] = (0.0, 1.0, 2.0, 3.0), *, effect: float = 1.5, sd: float = 1.5, people: int = 540,
     responses: int = 3, replicates: int = 40, nodes: int = DEFAULT_NODES, seed: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None, executor: Executor | None = None,
 ) -> QuadratureStudy:  # fmt: skip
     """Simulate studies from a mixed model and fit each by Laplace's approximation and by quadrature.
 
@@ -108,6 +118,8 @@ def quadrature_study(
     seed : int
     progress : callable, optional
         Called with (done, total).
+    executor : concurrent.futures.Executor, optional
+        Threads of this process by default. The result does not depend on it.
 
     Raises
     ------
@@ -121,21 +133,39 @@ def quadrature_study(
     design = np.column_stack([np.ones(len(person)), helped])
     outcome = (np.arange(len(person)) % 2).astype(np.float64)  # placeholder: every study brings its own
     model = LogisticMixedModel(outcome, design, groups=person)
-    rules = {"Laplace": Rule.hermite(1), "AGHQ": Rule.hermite(nodes)}
-    rows = []
-    for i, intercept in enumerate(intercepts):
-        theta = np.array([intercept, effect, sd])
-        for replicate in range(replicates):
-            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, replicate)))
-            successes = simulate_successes(model, theta, rng)
-            always = float((np.bincount(person, successes) == responses).mean())
-            patterns = patterns_of(model, successes)
-            for name, rule in rules.items():
-                best = maximise(patterns, rule)
-                rows.append(
-                    {"intercept": float(intercept), "replicate": replicate, "rule": name, "sd": best.theta[-1],
-                     "effect": best.theta[1], "always": always, "converged": bool(best.converged)}
-                )  # fmt: skip
-            if progress is not None:
-                progress(i * replicates + replicate + 1, len(intercepts) * replicates)
-    return QuadratureStudy(pd.DataFrame(rows), sd, effect, people, responses, seed)
+    job = _Job(model, person, responses, effect, sd, nodes, seed)
+    asked = [(float(intercept), replicate) for intercept in intercepts for replicate in range(replicates)]
+    found = spread_out(
+        executor, partial(_one_study, job), asked, progress, together=TOGETHER,
+        names=lambda i: f"study {asked[i][1]} at intercept {asked[i][0]:g} (seed {seed})",
+    )  # fmt: skip
+    table = pd.DataFrame([row for rows in found for row in rows])
+    return QuadratureStudy(table, sd, effect, people, responses, seed)
+
+
+@dataclass(frozen=True)
+class _Job:
+    model: LogisticMixedModel
+    person: NDArray[np.int64]
+    responses: int
+    effect: float
+    sd: float
+    nodes: int
+    seed: int
+
+
+def _one_study(job: _Job, asked: tuple[float, int]) -> list[dict[str, Any]]:
+    """Rows of one simulated study, one a rule."""
+    intercept, replicate = asked
+    rng = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(STREAM, replicate)))
+    successes = simulate_successes(job.model, np.array([intercept, job.effect, job.sd]), rng)
+    always = float((np.bincount(job.person, successes) == job.responses).mean())
+    patterns = patterns_of(job.model, successes)
+    rows: list[dict[str, Any]] = []
+    for name, rule in {"Laplace": Rule.hermite(1), "AGHQ": Rule.hermite(job.nodes)}.items():
+        best = maximise(patterns, rule)
+        rows.append(
+            {"intercept": intercept, "replicate": replicate, "rule": name, "sd": best.theta[-1],
+             "effect": best.theta[1], "always": always, "converged": bool(best.converged)}
+        )  # fmt: skip
+    return rows

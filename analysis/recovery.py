@@ -24,6 +24,7 @@ from analysis.recovery_quantities import EFFECTS
 from analysis.recovery_study import LEVELS, Recovered, RecoverySettings, Study, run_study
 from analysis.replicates import Progress, run_replicates
 from models.model_files import model_to_dict
+from models.notebook_view import NotebookView
 from models.parameters import Array
 
 COLUMNS = ("coverage_50", "coverage_90")
@@ -31,7 +32,7 @@ COLUMNS = ("coverage_50", "coverage_90")
 
 
 @dataclass(frozen=True)
-class Recovery:
+class Recovery(NotebookView):
     """All studies of one recovery.
 
     Attributes
@@ -43,6 +44,8 @@ class Recovery:
     seconds : float
         Wall time.
     """
+
+    _whose = "simulated"
 
     settings: RecoverySettings
     studies: tuple[Study, ...]

@@ -23,6 +23,7 @@ from models.events import EventLog
 from models.glmm import DEFAULT_NODES, LogisticMixedModel
 from models.glmm_comparison import aic_table
 from models.glmm_marginal import MarginalContrast, marginal_contrast
+from models.notebook_view import NotebookView, View, table_rows
 
 LEVEL = 0.95
 """Level of every interval here, as in the paper."""
@@ -32,7 +33,7 @@ NULL = "1"
 
 
 @dataclass(frozen=True)
-class Regression:
+class Regression(NotebookView):
     """Fits of one quadrature rule, and what they say.
 
     Attributes
@@ -117,6 +118,14 @@ class Regression:
     def marginal(self) -> dict[str, MarginalContrast]:
         """Each term at 1 against 0, averaged over the people and rows of the study."""
         return {name: marginal_contrast(self.main, {name: 1}, {name: 0}, 1 - LEVEL) for name in self.terms}
+
+    def _view(self) -> View:
+        notes = tuple(note.text for note in self.main.notes)
+        tables = (
+            table_rows(self.odds_ratios, ".odds_ratios", "odds ratios for one person"),
+            table_rows(self.tests, ".tests", "likelihood-ratio tests"),
+        )
+        return View("Regression of responses", "", notes, (), (f"Main model: {self.table.main}.",), tables)
 
 
 def regress(data: EventLog | ResponseTable, quadrature: int | str = DEFAULT_NODES) -> Regression:

@@ -17,6 +17,7 @@ from models.glmm_input import unwrapped
 from models.glmm_marginal import probability_and_slopes
 from models.glmm_residuals import ResidualCheck, residual_check
 from models.histories import UNSEEN
+from models.notebook_view import NotebookView
 
 MOST_CLASSES = 24
 """Classes of a grouping beyond which its residuals are not looked at one by one."""
@@ -63,7 +64,7 @@ def average_probability(fit: Any, rows: pd.DataFrame) -> tuple[float, float, flo
 
 
 @dataclass(frozen=True)
-class Residuals:
+class Residuals(NotebookView):
     """Randomised quantile residuals, together and by class.
 
     Attributes

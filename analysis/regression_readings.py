@@ -11,12 +11,13 @@ import pandas as pd
 from analysis.regression import LEVEL, Regression, fit_formula
 from analysis.regression_data import PERSON
 from models.errors import InputError
+from models.notebook_view import NotebookView, View, table_rows
 
 MAIN = "main model"
 
 
 @dataclass(frozen=True)
-class Readings:
+class Readings(NotebookView):
     """Odds ratios under every reading.
 
     Attributes
@@ -52,6 +53,10 @@ class Readings:
             f"Odds ratio of {term}: {MAIN} {first['estimate']:.2f} ({first['low']:.2f} to "
             f"{first['high']:.2f}); {told}. {verdict[0].upper()}{verdict[1:]}."
         )
+
+    def _view(self) -> View:
+        warnings = tuple(f"{reading} could not be fitted: {why}." for reading, why in self.failed.items())
+        return View("Odds ratios by reading", "", warnings, (), (), (table_rows(self.table, ".table"),))
 
 
 def _side(low: float, high: float) -> int:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from models.errors import located
+from models.notebook_view import NotebookView, View, table_rows
 from models.planning.exact import Decisions, ExactPlan, solve_schedule
 from models.planning.schedule import Schedule
 from models.robust.candidates import standard_candidates
@@ -31,6 +32,7 @@ from models.robust.risk import Outcome, weighted_quantiles
 from models.robust.sample_information import sample_information
 from models.robust.single_plan import SinglePlan, best_single, decisions_of, pooled
 from models.robust.stability import Stability, decision_stability
+from models.robust.study_room import check_room
 from models.robust.study_worth import SampleInformation
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ OWN_PLANS = 64
 
 
 @dataclass(frozen=True)
-class RobustStudy:
+class RobustStudy(NotebookView):
     """Plans under doubt over one schedule.
 
     Attributes
@@ -145,13 +147,20 @@ class RobustStudy:
         """The answer in one sentence: how sure the first decision is, what doubt costs, what would reduce it."""
         text = (
             f"{self.stability.headline}; all doubt together costs {self.perfect.value:.3g} of "
-            f"{self.plan.value:.4g} reward units a person"
+            f"{self.plan.value:.4g} {self.schedule.unit} a person"
         )
         enough = [row for s in self.samples for row in s.rows if row.enough and not row.silent]
         if not enough:
             return text + "."
         best = max(enough, key=lambda row: (row.sure, row.worth))
         return f"{text}; {best.words} would take away {best.share_of(self.perfect.value)} of that."
+
+    def _view(self) -> View:
+        tables = (
+            table_rows(self.prices.table, ".prices.table", "plans side by side"),
+            table_rows(self.stability.table, ".stability.table", "how many draws agree"),
+        )
+        return View("Plans under doubt", "", (), (), (self.sentence,), tables)
 
 
 def robust_study(
@@ -213,7 +222,8 @@ def robust_study(
     ------
     InputError
         On an unknown criterion, alpha outside (0, 1], a share of the mean that the criterion does not take, nobody
-        served, or a cost of participants without the people served.
+        served, a cost of participants without the people served, or studies with more histories than there is time
+        and memory for.
     """
     if criterion not in CRITERIA:
         raise located("criterion", criterion, f"one of {', '.join(CRITERIA)}")
@@ -231,6 +241,12 @@ def robust_study(
     def told(step: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(step, done, total)
 
+    alike: dict[tuple[int, ...], list[NextStudy]] = {}
+    for one in asked:
+        alike.setdefault(one.sizes, []).append(one.study)
+    # Before minutes have gone into the plans.
+    for sizes, studies in alike.items():
+        check_room(studies, schedule.draws.n_draws, sizes, replicates)
     own = own_plans(schedule, executor)
     plan = solve_schedule(schedule)
     perfect = perfect_information(schedule, kinds=kinds, chains=chains, sampled=sampled, executor=executor)
@@ -251,9 +267,6 @@ def robust_study(
     partial = partial_information(
         schedule, kinds=kinds, chains=chains, perfect=perfect, executor=executor, progress=told("blocks")
     )
-    alike: dict[tuple[int, ...], list[NextStudy]] = {}
-    for one in asked:
-        alike.setdefault(one.sizes, []).append(one.study)
     samples = tuple(
         sample_information(
             schedule, studies, sizes, replicates=replicates, seed=seed, kinds=kinds, served=served, cost=cost,

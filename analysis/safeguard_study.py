@@ -10,6 +10,7 @@ import numpy as np
 
 from models.errors import located
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView, View, table_rows
 from models.planning.baselines import ModePolicy, baselines
 from models.planning.belief_model import BeliefModel
 from models.planning.budget_plan import BudgetValues, budget_values, solve_with_budget
@@ -84,7 +85,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class SafeguardStudy:
+class SafeguardStudy(NotebookView):
     """Safeguards over one schedule.
 
     Attributes
@@ -153,6 +154,10 @@ class SafeguardStudy:
             f"stopped by the safeguard, {runs_into:.4g}"
         )
         return [text + (f", {more:.3g} less." if more > 1e-9 * max(1.0, abs(knows)) else ", no less.")]
+
+    def _view(self) -> View:
+        tables = (table_rows(self.report.table, ".report.table"),)
+        return View("Safeguards", "", (), (), tuple(self.sentences), tables)
 
 
 def safeguard_study(

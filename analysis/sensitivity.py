@@ -27,6 +27,7 @@ from analysis.sensitivity_variants import (
 from analysis.sensitivity_variants import table as variant_table
 from models.errors import InputError, located
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.planning.latent import DISCOUNT
 from models.sensitivity.cases import Decider, believing
 from models.sensitivity.endless_steps import INFINITE, EndlessSteps
@@ -100,7 +101,7 @@ class SensitivityEffort:
 
 
 @dataclass(frozen=True)
-class SensitivityStudy:
+class SensitivityStudy(NotebookView):
     """Everything that was asked of one model, or of the draws of one fit.
 
     Attributes

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from models.notebook_view import NotebookView
 from models.sensitivity.cases import Array
 from models.sensitivity.reward_grid import (
     ENOUGH,
@@ -69,7 +70,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(NotebookView):
     """One printed finding in one reading.
 
     Attributes

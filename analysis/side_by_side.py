@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis import datasets
+from analysis.datasets import DataSet
 from analysis.draws_source import NETCDF
 from analysis.em_study import EmStudy, parse_states
 from analysis.study_selection import select
@@ -73,32 +74,64 @@ class Side:
         return next(iter(self.estimates.values())).protocol
 
 
-def is_fit(name: str) -> bool:
-    """Whether a file is a stored posterior (netCDF)."""
+def is_fit(source: str | DataSet) -> bool:
+    """Whether a side is a file with a stored posterior (netCDF)."""
+    if isinstance(source, DataSet):
+        return False
     try:
-        with Path(name).open("rb") as stream:
+        with Path(source).open("rb") as stream:
             return stream.read(4) in NETCDF
     except OSError:
         return False
 
 
+def name_of(source: str | DataSet) -> str:
+    """What a side is called: as the user gave it, or by the card of a data set."""
+    return source.card.name if isinstance(source, DataSet) else source
+
+
 def data_side(
-    label: str, name: str, fit: Fit, *, states: str | None, condition: Sequence[str] | None = None,
+    label: str, source: str | DataSet, fit: Fit, *, states: str | None, condition: Sequence[str] | None = None,
     pins: Sequence[str] | None = None, protocol: Protocol | None = None,
 ) -> Side:  # fmt: skip
     """A data set as one side.
 
+    Parameters
+    ----------
+    label : str
+    source : str or DataSet
+        A name, an event file, or a data set as it is, with its card.
+    fit : callable
+    states, condition, pins
+        As options of commands; the card's by default.
+    protocol : Protocol, optional
+        For reading; a data set has been read.
+
     Raises
     ------
     InputError
-        On what cannot be read, unknown conditions or actions.
+        On what cannot be read, unknown conditions or actions, a data set that follows another protocol.
     """
+    name = name_of(source)
+    if isinstance(source, DataSet):
+        if protocol is not None and protocol != source.log.protocol:
+            raise located(
+                f"--compare, {label}, protocol", protocol.name, f"{source.log.protocol.name!r}, as the data"
+            )
+        return _data_side(label, name, source, fit, states, condition, pins)
     if Path(name).suffix.lower() == ".json":
         raise located(f"--compare, {label}", name, "a data set, an event file or a fit (.nc)")
     try:
         dataset = datasets.load(name) if protocol is None else datasets.load(name, protocol)
     except InputError as error:
         raise InputError(f"--compare, {label}: {error}") from None
+    return _data_side(label, name, dataset, fit, states, condition, pins)
+
+
+def _data_side(
+    label: str, name: str, dataset: DataSet, fit: Fit, states: str | None, condition: Sequence[str] | None,
+    pins: Sequence[str] | None,
+) -> Side:  # fmt: skip
     chosen = select(dataset, condition, states, pins)
     log = chosen.log
     study = fit(log, chosen.states, dict.fromkeys(chosen.pins))
@@ -178,11 +211,11 @@ def shared_states(a: Side, b: Side) -> tuple[int, ...]:
     return both
 
 
-def states_for(a: str, b: str, states: str | None) -> str | None:
+def states_for(a: str | DataSet, b: str | DataSet, states: str | None) -> str | None:
     """Numbers of states that a data set has to be fitted with: a fit on the other side decides."""
     from models.posterior_files import read_posterior
 
-    sizes = {read_posterior(name).n_states for name in (a, b) if is_fit(name)}
+    sizes = {read_posterior(one).n_states for one in (a, b) if isinstance(one, str) and is_fit(one)}
     if states is not None:
         missing = sizes - set(parse_states(states))
         if missing:

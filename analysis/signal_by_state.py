@@ -23,6 +23,7 @@ from models.errors import located
 from models.glmm_marginal import MarginalContrast
 from models.labels import expected_score
 from models.lspomdp import default_state_names
+from models.notebook_view import NotebookView
 from models.parameters import Array
 from models.posterior import Posterior
 
@@ -37,7 +38,7 @@ MOSTLY_PRIOR = 0.25
 
 
 @dataclass(frozen=True)
-class SignalByState:
+class SignalByState(NotebookView):
     """Effects of one action by state.
 
     Attributes

@@ -23,6 +23,7 @@ from analysis.study2_rounds import ROBOT_TRAPPED, People, Robot, World, traps
 from models.errors import Phrase, located
 from models.events import EventLog
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView, View, frame_rows
 from models.planning.mode_process import schedule_modes
 from models.protocol import PUBLISHED, Protocol
 
@@ -48,7 +49,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Study2:
+class Study2(NotebookView):
     """One simulated study 2.
 
     Attributes
@@ -194,6 +195,18 @@ class Study2:
             np.zeros(n, dtype=np.int64), condition[self.policy], names, self.action.ravel(), self.response.ravel(),
             {name: np.asarray(v, dtype=np.float64).ravel() for name, v in tokens.items()},
         )  # fmt: skip
+
+    def _view(self) -> View:
+        rows = []
+        for name in self.policies:
+            own = self.of(name)
+            rows.append(
+                {"policy": name, "people": len(own), "team": float(self.team[own].mean()),
+                 "helped": float(self.helped[own].mean()), "costly": float(self.costly[own].mean())}
+            )  # fmt: skip
+        told = f"{self.n_people:,} simulated people under {len(self.policies)} policies, rounds {self.letters}."
+        units = {"team": "tokens a round", "helped": "share", "costly": "costly actions a person"}
+        return View("Study 2 in the game", "simulated", (), self.notes, (told,), (frame_rows(rows),), units)
 
 
 _BY_PERSON = (

@@ -23,10 +23,11 @@ from analysis.study2_policies import LS_POMDP
 from models.errors import InputError, located
 from models.glmm import LogisticMixedModel
 from models.glmm_warnings import CeilingWarning, SeparationWarning
+from models.notebook_view import NotebookView, View, table_rows
 
 
 @dataclass(frozen=True)
-class Study2Analysis:
+class Study2Analysis(NotebookView):
     """Tests of one study.
 
     Attributes
@@ -68,6 +69,12 @@ class Study2Analysis:
                 text += " (On the robot's own scale: other fits give other numbers.)"
             out.append(text)
         return (*out, *(f"{what}: not possible here, {why}." for what, why in self.left_out.items()))
+
+    def _view(self) -> View:
+        tables = tuple(
+            table_rows(result.table, f".anovas[{key!r}].table", key) for key, result in self.anovas.items()
+        )
+        return View("Study 2, analysed", "simulated", (), (), self.sentences, tables)
 
 
 def analyse(study: Study2, reference: str = LS_POMDP) -> Study2Analysis:
@@ -116,7 +123,7 @@ def analyse(study: Study2, reference: str = LS_POMDP) -> Study2Analysis:
 
 # -- all responses of observed help ----------------------------------------------------------------
 @dataclass(frozen=True)
-class HelpModel:
+class HelpModel(NotebookView):
     """``helped ~ policy * time + (1 | participant)`` on all responses, time from -1/2 (first) to 1/2 (last).
 
     Attributes

@@ -26,6 +26,7 @@ from models.baum_welch_fit import BaumWelchFit
 from models.errors import InputError
 from models.events import EventLog
 from models.lspomdp import LatentStatePOMDP
+from models.notebook_view import NotebookView
 from models.planning.belief_model import BeliefModel
 from models.planning.mode_process import schedule_modes
 
@@ -50,7 +51,7 @@ _TASK = 104
 
 
 @dataclass(frozen=True)
-class BeliefSpread:
+class BeliefSpread(NotebookView):
     """Tests of believed state by models that fit as well as the robot's.
 
     Attributes
@@ -62,6 +63,8 @@ class BeliefSpread:
     searches : int
         Further searches that were made; 0 where the robot's model was not fitted here.
     """
+
+    _whose = "simulated"
 
     table: pd.DataFrame
     searches: int

@@ -17,6 +17,7 @@ from analysis.study2_claims import CLAIMS, Claim
 from analysis.study2_learning import EM, TRUTH
 from analysis.study2_policies import EXACT, FROM_DRAWS, LS_POMDP
 from analysis.study2_replicates import KINDS, Study2Replicates, WorldResult, quantities, replicate_study2
+from models.notebook_view import NotebookView
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ WORDS = {EM: "learned from a study 1", TRUTH: "truth known"}
 
 
 @dataclass(frozen=True)
-class Study2Evidence:
+class Study2Evidence(NotebookView):
     """Replicates of study 2, by how the robot learned.
 
     Attributes
@@ -42,6 +43,8 @@ class Study2Evidence:
     printed : dict of str to float
         Numbers of the paper (`analysis.study2_replicates.quantities`).
     """
+
+    _whose = "simulated"
 
     settings: Mapping[str, Study2Replicates]
     worlds: Mapping[str, tuple[WorldResult, ...]]

@@ -22,6 +22,7 @@ from models.bootstrap import Bootstrap
 from models.errors import located
 from models.labels import expected_score
 from models.lspomdp import default_state_names
+from models.notebook_view import NotebookView
 from models.parameters import Array
 from models.posterior import Posterior
 
@@ -42,7 +43,7 @@ NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight",
 
 # -- contraction -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Contraction:
+class Contraction(NotebookView):
     """How much the data say about every entry.
 
     Attributes
@@ -135,7 +136,7 @@ def _two(value: float) -> str:
 
 # -- contrasts -------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Contrasts:
+class Contrasts(NotebookView):
     r"""What one action changes, compared with its mode's null action.
 
     In state s the expected response after one action differs by
@@ -242,7 +243,7 @@ def _changes(posterior: Posterior, pair: tuple[int, int], group: str) -> Array:
 
 # -- beside the point estimate ---------------------------------------------------------------------
 @dataclass(frozen=True)
-class BesideEm:
+class BesideEm(NotebookView):
     """EM estimates with bootstrap intervals beside the posterior.
 
     Attributes

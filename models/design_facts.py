@@ -1,7 +1,7 @@
-"""What a study's design can say about the tables, whoever answered how: which action followed, who met which actions.
+"""What a study's design can say about the tables, whoever answered how: which action followed, who met what.
 
 All that learning and its report of what is identified take from a log beside its tree. It fits into a few small
-tables of actions by actions, so that it can be had from logs that are too large to be held (`models.compressed_log`).
+tables of actions by actions, so logs that are too large to be held have it too (`models.compressed_log`).
 """
 
 from __future__ import annotations

@@ -31,6 +31,7 @@ from models.parameters import Array, DirichletPrior
 from models.people_folds import unconstrained_draws
 from models.person_offset import PersonOffset, reweighted
 from models.smc import SmcSettings, moved, next_temperature, spread, systematic
+from models.spread_out import threads_here
 from models.study_density import ModelSpec, StudyDensity
 
 STREAM = 7_108
@@ -114,7 +115,7 @@ def latent_log_predictive(
         rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(STREAM, number)))
         return _let_in(study, left_out, unconstrained_draws(study.density, kept), inside, settings, rng, stop)
 
-    pool = ThreadPoolExecutor(max_workers=settings.runs)
+    pool = ThreadPoolExecutor(max_workers=min(settings.runs, threads_here()))
     try:
         found = np.array(list(pool.map(one, range(settings.runs))))
     except BaseException:

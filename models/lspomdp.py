@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from models.errors import InputError, located
 from models.labels import canonical_order, permute
+from models.notebook_view import NotebookView, View, frame_rows
 from models.protocol import PUBLISHED, Protocol
 from models.reward import Reward, default_x
 
@@ -32,7 +33,7 @@ def default_state_names(n: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class LatentStatePOMDP:
+class LatentStatePOMDP(NotebookView):
     """Initial belief, transition and emission tables of one model under a protocol.
 
     Attributes
@@ -174,6 +175,24 @@ class LatentStatePOMDP:
     def reward_table(self) -> Array:
         """Reward ``[a, s]`` in reward units."""
         return self.reward.table(self.protocol)
+
+    def _view(self) -> View:
+        p, names = self.protocol, self.state_names
+        moves = [
+            {"after": a, "from": s, **{f"to {t}": float(self.transition[i, j, k]) for k, t in enumerate(names)}}
+            for i, a in enumerate(p.action_names) for j, s in enumerate(names)
+        ]  # fmt: skip
+        seen = [
+            {"under": a, "state": s, **dict(zip(p.response_names, self.emission[i, j].tolist(), strict=True))}
+            for i, a in enumerate(p.emission_actions) for j, s in enumerate(names)
+        ]  # fmt: skip
+        first = [{name: float(v) for name, v in zip(names, self.initial, strict=True)}]
+        told = f"{self.n_states} states, protocol {p.name}; entries are probabilities."
+        tables = (
+            frame_rows(first, ".initial", "initial belief"), frame_rows(moves, ".transition", "moves of the state"),
+            frame_rows(seen, ".emission", "responses"),
+        )  # fmt: skip
+        return View("Latent-state POMDP", "", (), (), (told,), tables)
 
 
 def check_rows(table: str, rows: Array, names: Sequence[tuple[str, ...]]) -> None:

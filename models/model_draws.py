@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from models.errors import InputError, Phrase, located
 from models.lspomdp import LatentStatePOMDP, check_rows, default_state_names
 from models.model_files import model_from_dict
+from models.notebook_view import NotebookView, View, frame_rows
 from models.protocol import Protocol
 from models.reward import Reward, default_x
+from models.text_files import LARGEST_NUMBER
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ModelDraws:
+class ModelDraws(NotebookView):
     """Weighted draws of a latent-state model: a point estimate is one draw, a posterior is many.
 
     Attributes
@@ -124,7 +126,7 @@ class ModelDraws:
         if all(given):
             for i, value in enumerate(e["weight"] for e in entries):
                 number = isinstance(value, int | float) and not isinstance(value, bool)
-                if not (number and np.isfinite(value) and value >= 0):
+                if not (number and 0 <= value < LARGEST_NUMBER):
                     raise located(f"{place}, model {i}, weight", value, "a number of at least 0")
             weight = np.array([e["weight"] for e in entries], dtype=np.float64)
         return cls.from_models(models, weight, {"source": place})
@@ -159,6 +161,18 @@ class ModelDraws:
             return self
         keep = np.floor((np.arange(n) + 0.5) * self.n_draws / n).astype(int)
         return self.some(keep)
+
+    def _view(self) -> View:
+        n, states = len(self.weight), self.initial.shape[1]
+        about = "; ".join(
+            f"{key} {value}" for key, value in self.provenance.items() if isinstance(value, str | int)
+        )
+        told = f"{n:,} draw{'s' * (n != 1)} of a model with {states} states under protocol {self.protocol.name}."
+        mean = self.weight @ self.initial
+        rows = [
+            {"state": name, "initial, mean": float(mean[i])} for i, name in enumerate(self.model(0).state_names)
+        ]
+        return View("Draws of a model", "", (), (about,) if about else (), (told,), (frame_rows(rows),))
 
 
 class _RowNames(Sequence[tuple[str, ...]]):

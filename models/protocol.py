@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import InputError, located
+from models.notebook_view import NotebookView, View, frame_rows
+from models.text_files import toml_of
 
 NO_RESPONSE = "none"
 """Written in the response column where the mode shows no response (the paper's empty observation)."""
@@ -66,7 +67,7 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Protocol:
+class Protocol(NotebookView, plain=True):
     """Modes, actions and responses of a study, with the index of each.
 
     Action names are unique across modes, so an action alone tells its mode; arrays over actions
@@ -247,21 +248,15 @@ class Protocol:
         responses = tuple(
             Response(r, _number(f"{place}, score of {r}", score)) for r, score in content["responses"].items()
         )
-        return cls(content["name"], tuple(modes), responses)
+        try:
+            return cls(content["name"], tuple(modes), responses)
+        except InputError as error:
+            raise InputError(f"{place}: {error}") from None
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Protocol:
         """Read a protocol file; errors name the file and, for broken TOML, the line."""
-        path = Path(path)
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such protocol file") from None
-        except UnicodeDecodeError as error:
-            raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{path}: not valid TOML: {error}") from None
-        return cls.from_dict(content, str(path))
+        return cls.from_dict(toml_of(path, "protocol file"), str(path))
 
     def to_toml(self) -> str:
         """Text of a protocol file that reads back as this protocol."""
@@ -278,6 +273,17 @@ class Protocol:
         lines.append("[responses]")
         lines += [f"{_quoted(r.name)} = {float(r.score)!r}" for r in self.responses]
         return "\n".join(lines) + "\n"
+
+    def _view(self) -> View:
+        acts = [
+            {"mode": m.name, "letter": m.letter, "action": a.name, "cost": a.cost,
+             "leaves alone": a.name == m.null_action, "response shows": m.shows_response}
+            for m in self.modes for a in m.actions
+        ]  # fmt: skip
+        seen = [{"response": r.name, "score": r.score} for r in self.responses]
+        tables = (frame_rows(acts, ".modes", "actions"), frame_rows(seen, ".responses", "responses"))
+        told = f"{len(self.modes)} modes, {self.n_actions} actions, {len(self.responses)} responses."
+        return View(f"Protocol {self.name}", "", (), (), (told,), tables, {"cost": "reward units"})
 
 
 def _typed(place: str, content: Mapping[str, Any], kinds: Mapping[str, type]) -> None:
@@ -297,7 +303,10 @@ def _quoted(text: str) -> str:
 def _number(place: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise located(place, value, "a number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise located(place, value, "a number below 1e308") from None
 
 
 def _unique(place: str, names: list[str]) -> None:

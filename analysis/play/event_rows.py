@@ -83,9 +83,11 @@ class EventRows:
         if len(lines) < 2:
             return
         read_events(self.path)
-        for number, cells in enumerate(csv.reader(io.StringIO(whole.decode())), start=1):
+        for number, cells in enumerate(csv.reader(io.StringIO(whole.decode(), newline="")), start=1):
             if number == 1:
                 continue
+            if len(cells) != len(HEADER):
+                raise located(f"{self.path}, line {number}", Phrase(f"{len(cells)} fields"), f"{len(HEADER)}")
             row = _row(self.path, number, cells)
             if row.study != self.study:
                 raise located(

@@ -100,7 +100,7 @@ class Journal:
                     self.finished.add(person)
                 elif event in self.odd_rounds:
                     self.odd_rounds[event].add((person, int(entry["k"])))
-            except (KeyError, TypeError, ValueError, RecursionError):
+            except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
                 raise located(place, line, "a line as this server writes it") from None
         for person in self.withdrawn:
             self._forget_token(person)

@@ -173,6 +173,8 @@ def _checked(content: Any, place: str) -> dict[str, Any]:
         for r in robots.values()
     ):  # fmt: skip
         raise located(place, Phrase("something else"), "the setup of a study as this server writes it")
+    if content["consent"] != content["consent"].encode(errors="replace").decode():
+        raise located(f"{place}, consent", Phrase("halves of characters"), "text")
     if text_digest(content["consent"]) != content["consent_sha256"]:
         raise located(f"{place}, consent", Phrase("a text of another digest"), short(content["consent_sha256"]))
     return dict(content)

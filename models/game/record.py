@@ -25,6 +25,7 @@ from models.game.parameters import GameParameters
 from models.game.round import Round
 from models.game.state import COUNT, FREED_TICK, MOVES, PLAYERS, ROBOT, TRAP_TICK, GameState
 from models.model_files import write_text
+from models.text_files import limited_bytes
 
 FORMAT = "prosocial-round"
 VERSION = 2
@@ -182,7 +183,7 @@ def read_records(path: str | Path) -> list[RoundRecord]:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = limited_bytes(path).decode()
     except OSError as error:
         raise located(str(path), Phrase(error.strerror or "no file"), "a file of recorded rounds") from None
     except UnicodeDecodeError as error:

@@ -80,7 +80,7 @@ def _alpha(place: str, content: Mapping[str, Any], name: str) -> AlphaPolicy:
     )
     follow = content.get("follow")
     outcomes = [
-        [_whole(f"{place}, outcomes", keys, 2).reshape(-1, 2).tolist() for keys in offered]
+        [_pairs(f"{place}, outcomes", keys) for keys in offered]
         for offered in _nested(f"{place}, outcomes", content.get("outcomes"), model.vocabulary)
     ]
     for x, offered in enumerate(outcomes):
@@ -304,6 +304,14 @@ def _names(place: str, value: Any) -> tuple[str, ...]:
     if not good or len(set(value)) != len(value):
         raise located(place, value, "a list of different names")
     return tuple(value)
+
+
+def _pairs(place: str, value: Any) -> list[list[int]]:
+    """Whole numbers two by two; an empty list is none."""
+    found = _whole(place, value, 2)
+    if found.size and found.shape[1] != 2:
+        raise located(place, value, "pairs of whole numbers")
+    return found.reshape(-1, 2).tolist()
 
 
 def _nested(place: str, value: Any, words: Vocabulary) -> list[list[Any]]:

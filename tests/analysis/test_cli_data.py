@@ -103,7 +103,8 @@ def test_check_under_another_protocol(capsys, tmp_path):
     toml.write_text(PUBLISHED.to_toml().replace("robot_needs_help", "robot_stuck"))
     status, _, err = run(capsys, "data", "check", "simulated_study1", "--protocol", toml)
     assert status == 2
-    assert "column mode: found 'robot_needs_help', wanted one of human_needs_help, robot_stuck" in err
+    assert "1,620 problems of 1 kind" in err
+    assert "column mode: 1,620 lines, found 'robot_needs_help', wanted one of human_needs_help, robot_stuck" in err
 
 
 def test_import(capsys, tmp_path):
@@ -218,7 +219,7 @@ def test_ctrl_c_exits_with_130(capsys, monkeypatch):
 
 
 def test_ctrl_c_while_starting_up_exits_with_130(capsys, monkeypatch):
-    monkeypatch.setattr(cli, "build", lambda: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(cli, "command_line", lambda: (_ for _ in ()).throw(KeyboardInterrupt))
     assert run(capsys, "data", "list") == (130, "", "prosocial: interrupted\n")
 
 

@@ -346,3 +346,30 @@ def test_sides_of_another_protocol(tmp_path):
     b = Side("B", "b", "B", "unstated", "", {}, {2: fit.model}, {}, "x", log)
     with pytest.raises(InputError, match="follows the protocol"):
         shared_states(a, b)
+
+
+def test_data_sets_are_taken_as_they_are(tmp_path):
+    """The same page content as of the files that they were read from."""
+    from analysis.datasets import load
+    from analysis.event_files import write_events
+    from tests.analysis.report_cases import data_set
+
+    logs = [random_log(PUBLISHED, people=30, rounds=4, seed=seed) for seed in (1, 2)]
+    names = [str(tmp_path / f"{name}.csv") for name in "ab"]
+    for log, name in zip(logs, names, strict=True):
+        write_events(log, name)
+    options = {"states": "1", "quick": True, "date": DATE}
+    files = compare_report(*names, out=tmp_path / "files", **options)
+    given = compare_report(*map(load, names), out=tmp_path / "given", **options)
+    for one, other in zip(files.sections[1:], given.sections[1:], strict=True):
+        assert (one.omitted, one.sentences) == (other.omitted, other.sentences)
+        for table, again in zip(one.tables, other.tables, strict=True):
+            pd.testing.assert_frame_equal(table.frame, again.frame)
+    named = data_set(logs[0], title="Our pilot", kind="simulated")
+    mixed = compare_report(named, names[1], out=tmp_path / "mixed", **options)
+    assert [s.title for s in mixed.sides] == ["Our pilot", "b.csv"]
+    assert mixed.sides[0].kind == "simulated"
+    with pytest.raises(InputError, match="found 'small' twice"):
+        compare_report(named, named, out=tmp_path, **options)
+    with pytest.raises(InputError, match="--compare, A, protocol: found 'corridor'"):
+        compare_report(named, names[1], out=tmp_path, protocol=CORRIDOR, **options)

@@ -43,7 +43,7 @@ def test_a_command_can_say_what_an_interruption_left(monkeypatch, capsys):
     def stop():
         raise KeyboardInterrupt("chains are kept")
 
-    monkeypatch.setattr(cli, "build", stop)
+    monkeypatch.setattr(cli, "command_line", stop)
     with pytest.raises(SystemExit) as caught:
         cli.main(["data", "list"])
     assert caught.value.code == 130

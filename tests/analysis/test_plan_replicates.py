@@ -64,7 +64,7 @@ def test_settings_that_are_none(change, match):
 
 
 def test_the_command_writes_what_is_needed_to_repeat_it(tmp_path, monkeypatch, report):
-    monkeypatch.setattr("analysis.plan_replicates.replicate_plans", lambda settings, progress: report)
+    monkeypatch.setattr("analysis.plan_replicates.replicate_plans", lambda settings, **how: report)
     out = tmp_path / "plans.json"
     with pytest.raises(SystemExit) as stop:
         main(["replicate", "plans", "--replicates", "3", "--quiet", "--out", str(out)])

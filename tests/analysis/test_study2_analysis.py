@@ -234,7 +234,7 @@ def test_figures_draw_what_the_tables_hold(study):
             own = table[table["policy"] == policy]
             assert line.get_ydata() == pytest.approx(own["mean"])
             assert np.round(line.get_xdata()) == pytest.approx(own["round"])
-    assert [t.get_text() for t in figure.legends[0].get_texts()] == list(study.policies)
+    assert [t.get_text() for t in figure.figure.legends[0].get_texts()] == list(study.policies)
     shares = pd.DataFrame([
         {"claim": c, "name": c, "planner": p, "whole": c == "a", "share": s, "low": s / 2, "high": (1 + s) / 2}
         for c, s in (("a", 0.1), ("b", 0.9)) for p in ("one", "two")

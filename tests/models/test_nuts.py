@@ -91,7 +91,7 @@ def test_completed_chains_are_handed_over_before_an_interruption(monkeypatch, ch
         return chains[chain]
 
     monkeypatch.setattr(runs, "sample_chain", interrupted)
-    monkeypatch.setattr(runs.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
     handed: dict[int, Chain] = {}
     with pytest.raises(KeyboardInterrupt):
         sample(density_of(), SHORT, finished=handed.__setitem__)

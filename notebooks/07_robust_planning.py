@@ -129,7 +129,9 @@ shown = ["mean", "held_out_mean", "cvar", "gain_mean", "gain_cvar", "gain_probab
 prices.table.set_index("name")[shown].round(2)
 
 # %% [markdown]
-# **How to read it.** The plan of the point estimate acts on tables that the data do not support, and pays for it. The
+# **How to read it.** Averaged over the draws, the plan of the point estimate loses: it acts on tables that few draws share.
+# That is about what the data leave open, not about the one truth behind these simulated people, in which that plan does
+# well ([notebook 06](06_plans_and_baselines.ipynb) values it there): one good outcome does not make it the better bet. The
 # tables' *means* do as well as the full tree here, since so little is learned on the way. Diamonds on dots mean that
 # choosing and scoring on the same draws flattered nobody. **What not to conclude:** that the order of the plans in front
 # is one: look at the gains with their probabilities, not at ranks.

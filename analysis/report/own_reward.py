@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from analysis.figures.style import spoken
 from analysis.policy_study import STUDY2
 from analysis.report.context import ReportContext
 from analysis.report.section import NotSupported
@@ -9,6 +10,7 @@ from analysis.stated_reward import letters_in_words
 from analysis.wording import counted
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.unseen import evidence_of_actions, unseen_actions
 
 
 def want_reward(context: ReportContext) -> None:
@@ -24,6 +26,30 @@ def want_reward(context: ReportContext) -> None:
             f"what a round is worth is not known for protocol {context.protocol.name!r}; `--values` says it "
             "(build_report: reward), one value a state or as measured by the tokens of the data"
         )
+
+
+def unseen_or_left_out(context: ReportContext) -> tuple[str, ...]:
+    """Actions that the data say nothing about, where there still is something to decide.
+
+    Raises
+    ------
+    NotSupported
+        Without evidence on an action that others are compared with, or on any that costs something.
+    """
+    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
+    null = [m.null_action for m in context.protocol.modes]
+    nothing = [a for a in null if a in unseen]
+    if nothing:
+        words = spoken(nothing[0])
+        raise NotSupported(f"the data say nothing about {words}, with which everything else is compared")
+    if all(a in unseen for a in context.protocol.action_names if a not in null):
+        raise NotSupported(f"the data say nothing about {_either(unseen)}, so there is nothing to decide")
+    return unseen
+
+
+def _either(actions: tuple[str, ...]) -> str:
+    names = [spoken(a) for a in actions]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def planned_states(context: ReportContext) -> tuple[int, ...]:

@@ -116,6 +116,17 @@ def test_nothing_is_known_about_leaving_people_alone(tmp_path):
     assert reasons == ["the data say nothing about no help, with which everything else is compared"]
 
 
+def test_a_control_arm_alone_leaves_nothing_to_decide(tmp_path):
+    """Nobody was helped or signalled to: a baseline study, or the control arm of one."""
+    planning = [e for e in SECTIONS if e.key in ("plan", "robust", "sensitivity", "safeguards")]
+    log = simulate_study1(participants=80, seed=3).select(conditions=["no-help+no-signal"])
+    made = build_report(data_set(log, kind="simulated"), states=(2,), quick=True, out=tmp_path, sections=planning)
+    wanted = "the data say nothing about help or signal, so there is nothing to decide"
+    for shown in made.sections[:-1]:  # the last is the appendix
+        reasons = [shown.omitted] if shown.omitted else [b.reason for b in shown.flat() if isinstance(b, Omitted)]
+        assert reasons == [wanted], shown.key
+
+
 def test_another_protocol_has_no_reward(tmp_path):
     study = data_set(random_log(CORRIDOR, people=30))
     made = build_report(study, states=(2,), quick=True, out=tmp_path, sections=ONLY)

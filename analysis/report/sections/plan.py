@@ -15,7 +15,14 @@ from analysis.figures.style import spoken
 from analysis.learned_policy import LearnedPolicy, learned_policy
 from analysis.policy_study import LEARNED, OPTIMAL, SIMULATED_RUNS, belief_paths
 from analysis.report.context import ReportContext
-from analysis.report.own_reward import planned_states, rewarded_model, rounds_of, title_of, want_reward
+from analysis.report.own_reward import (
+    planned_states,
+    rewarded_model,
+    rounds_of,
+    title_of,
+    unseen_or_left_out,
+    want_reward,
+)
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
 from analysis.response_rates import measure_name
 from analysis.simulate import STUDY1_NAME, calibrated_truth
@@ -26,7 +33,6 @@ from models.planning.baselines import baselines
 from models.planning.plan_policy import PlanPolicy
 from models.planning.policies import Policy
 from models.reward import PUBLISHED_X
-from models.unseen import evidence_of_actions, unseen_actions
 
 QUICK_RUNS = 2_000
 """Simulated runs of a baseline in a quick report."""
@@ -88,10 +94,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     if k == 1:
         raise NotSupported("with one state nothing the robot does changes anybody, so it does best to do nothing")
     fit, found = context.study.fits[k], context.study.identifications[k]
-    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
-    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
-    if null:
-        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
+    unseen = unseen_or_left_out(context)
     runs = QUICK_RUNS if context.effort.quick else SIMULATED_RUNS
     learned = context.kept(
         f"plan of the estimate, {counted(k, 'state')}", learned_policy, rewarded_model(context, k), unseen,

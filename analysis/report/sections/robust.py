@@ -18,6 +18,7 @@ from analysis.report.own_reward import (
     rounds_in_words,
     rounds_of,
     title_of,
+    unseen_or_left_out,
     want_reward,
 )
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
@@ -29,7 +30,7 @@ from models.planning.schedule import Schedule
 from models.robust.cautious import acting_words
 from models.robust.study_design import NextStudy
 from models.robust.study_worth import FEWEST_EFFECTIVE
-from models.unseen import evidence_of_actions, unseen_actions, without_actions
+from models.unseen import without_actions
 
 ALPHA = 0.1
 """Share of the draws that the cautious plans look at."""
@@ -67,11 +68,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     if k == 1:
         raise NotSupported("with one state nothing the robot does changes anybody, so it does best to do nothing")
+    unseen = unseen_or_left_out(context)
     posterior, quick = context.posterior(k), context.effort.quick
-    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
-    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
-    if null:
-        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
     draws = without_actions(rewarded_draws(context, posterior.draws()), unseen)
     if quick:
         draws = draws.thin(QUICK_DRAWS)

@@ -15,6 +15,7 @@ from analysis.report.own_reward import (
     rounds_in_words,
     rounds_of,
     title_of,
+    unseen_or_left_out,
     want_reward,
 )
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
@@ -31,7 +32,7 @@ from analysis.wording import counted
 from models.planning.schedule import Schedule
 from models.safeguards.consent import Consent
 from models.safeguards.influence_report import ALL, LEVEL, NONE
-from models.unseen import evidence_of_actions, unseen_actions, without_actions
+from models.unseen import without_actions
 
 DRAWS, QUICK_DRAWS = 400, 100
 """Draws of the posterior that are followed, evenly spaced."""
@@ -62,11 +63,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     if k == 1:
         raise NotSupported("with one state nobody is moved anywhere, so there is nothing to guard")
+    unseen = unseen_or_left_out(context)
     posterior = context.posterior(k)
-    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
-    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
-    if null:
-        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which influence is compared")
     draws = without_actions(rewarded_draws(context, posterior.draws()), unseen)
     draws = draws.thin(QUICK_DRAWS if context.effort.quick else DRAWS)
     tell, label = context.progress, counted(k, "state")

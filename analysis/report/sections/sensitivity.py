@@ -11,7 +11,7 @@ from analysis.figures.sensitivity import READING_LABELS, action_map, critical_va
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
-from analysis.report.own_reward import planned_states, title_of, want_reward
+from analysis.report.own_reward import planned_states, title_of, unseen_or_left_out, want_reward
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
 from analysis.report.sections.plan import known_truth
 from analysis.report.sections.sensitivity_own import own_blocks
@@ -23,7 +23,7 @@ from models.model_draws import ModelDraws
 from models.parameters import STICKY
 from models.sensitivity.flips import Flips
 from models.sensitivity.reward_grid import ENOUGH, ENOUGH_TO_BE_SURE, LEANING, ROUNDING, SURE, UNDECIDED
-from models.unseen import evidence_of_actions, unseen_actions, without_actions
+from models.unseen import without_actions
 
 EFFORT = SensitivityEffort(
     endless_draws=60, endless_variants=60, endless_critical=25, endless_certain=25, few_draws=2000,
@@ -52,10 +52,7 @@ FINDINGS = {
 def make(context: ReportContext) -> tuple[Block, ...]:
     """The numbers of states beside each other, then one part for each that is shown in full."""
     want_reward(context)
-    unseen = unseen_actions(evidence_of_actions(context.log, context.pins), context.protocol)
-    null = [m.null_action for m in context.protocol.modes if m.null_action in unseen]
-    if null:
-        raise NotSupported(f"the data say nothing about {spoken(null[0])}, with which everything else is compared")
+    unseen = unseen_or_left_out(context)
     blocks: list[Block] = [Text(_introduction(context))] if context.stated is None else []
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis import fits
 from analysis.event_files import read_events, write_events
 from analysis.policy_study import STUDY2
 from analysis.report.effort import Effort
@@ -284,13 +285,13 @@ def test_the_search_is_that_of_a_full_report():
 
 def test_a_posterior_is_taken_from_the_store(monkeypatch, tmp_path):
     monkeypatch.setattr("analysis.study2_learning.RESTARTS", 4)
-    monkeypatch.setenv("PROSOCIAL_CACHE", str(tmp_path))
+    monkeypatch.setattr(fits, "store_folder", lambda: tmp_path)
     few = NutsSettings(50, 50, 2)
     options = {"participants": 60, "states": 2, "posterior": True, "sampler": few}
     one, other = (learned_from("em", person(), **options) for _ in range(2))
     assert one.draws.n_draws == 100
     assert np.array_equal(one.draws.transition, other.draws.transition)
-    assert len(list((tmp_path / "fits").glob("*.nc"))) == 1
+    assert len(list(tmp_path.glob("*.nc"))) == 1
     # So few draws fail their gate, which is said, and of whom.
     (note,) = (note for note in one.notes if "Convergence gate FAILED" in note)
     assert note.startswith("About Bayes-adaptive and cautious alone")

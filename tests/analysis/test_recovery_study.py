@@ -26,8 +26,8 @@ from models.smc import SmcSettings
 from tests.analysis.posterior_cases import random_model, sampled
 from tests.analysis.report_cases import CORRIDOR
 
-# Replicates in several threads: another thread's `warnings.catch_warnings` (xarray has some) may put back
-# filters that hide a warning of arviz while a replicate runs. The share of large Pareto shapes is counted in the results.
+# Replicates run in several threads: another one's `warnings.catch_warnings` (xarray has some) may put back filters
+# that hide a warning of arviz. The share of large Pareto shapes is counted in the results.
 pytestmark = pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")
 
 TINY = RecoverySettings(

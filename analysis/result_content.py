@@ -12,6 +12,7 @@ import hashlib
 import json
 import sys
 import types
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 from functools import cached_property, partial
@@ -87,7 +88,7 @@ def _is_shared(value: Any) -> bool:
     return type(value).__module__.partition(".")[0] in PACKAGES
 
 
-class _Walk:
+class _Walk(ABC):
     """Visits everything that a value is made of; arrays, and objects met again, are up to subclasses."""
 
     def node(self, value: Any, steps: Steps = None) -> Node:
@@ -96,13 +97,13 @@ class _Walk:
             return value
         return self.met(value, steps, partial(self._made, value, steps))
 
+    @abstractmethod
     def met(self, value: Any, steps: Steps, make: Callable[[], Node]) -> Node:
         """What becomes of anything but numbers and text."""
-        raise NotImplementedError
 
+    @abstractmethod
     def array(self, value: np.ndarray) -> Node:
         """What becomes of an array of numbers or text."""
-        raise NotImplementedError
 
     def _items(self, values: Iterable[Any], steps: Steps) -> list[Node]:
         return [self.node(v, further(steps, "item", i)) for i, v in enumerate(values)]

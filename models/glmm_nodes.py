@@ -171,7 +171,7 @@ def check_nodes(patterns: Patterns, rule: Rule, best: Maximum, exact: bool = Tru
     if check.wrong and rule.n_nodes > FEW_NODES:
         # From here a search stays on the rule's own hill; the finer rule's fit may be on another.
         own = maximise(patterns, finer)
-        if exact_log_likelihood(patterns, own.top) > exact_log_likelihood(patterns, again.theta):
+        if exact_log_likelihood(patterns, own.theta) > exact_log_likelihood(patterns, again.theta):
             found = float(own.theta[-1])
     return replace(check, finer_sd=found, refitted=True)
 

@@ -19,6 +19,7 @@ from analysis.cli_options import (
     write_output,
 )
 from analysis.cli_stream_options import StreamOption, in_parts, reading_sentence, select_in_parts
+from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 from analysis.wording import counted
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def em_command(
     seed: SeedOption = DEFAULT_SEED,
     protocol: ProtocolOption = None,
     stream: StreamOption = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Learn transition and observation tables by Baum-Welch.
 
@@ -111,14 +114,15 @@ def em_command(
         own = BaumWelch(k, pins=pins, seed=seed)
         return own if restarts is None else replace(own, restarts=restarts, rounds=1)
 
-    with progress.shown(quiet) as watch:
+    with workers_of(workers, scheduler) as executor, progress.shown(quiet) as watch:
         study = run_em(
             chosen.log, chosen.states, settings=settings, seed=seed,
             bootstrap=dict.fromkeys(chosen.states, bootstrap), progress=watch,
+            executor=executor,
         )  # fmt: skip
     written = {}
     if out is not None:
-        written = _write_models(study, Path(out), chosen.digest, seed)
+        written = _write_models(study, Path(out), data, chosen.digest, seed)
     report.say(f"{data} ({chosen.kind}): {chosen.sentence}; seed {seed}")
     report.say(next(iter(study.fits.values())).settings.sentence)
     for k, fit in study.fits.items():
@@ -175,7 +179,7 @@ def _model_name(k: int) -> str:
     return f"model_{k}_states.json"
 
 
-def _write_models(study: EmStudy, folder: Any, digest: str, seed: int) -> dict[int, str]:
+def _write_models(study: EmStudy, folder: Any, data: str, digest: str, seed: int) -> dict[int, str]:
     import json as json_text
 
     from models.model_files import model_to_dict
@@ -186,8 +190,8 @@ def _write_models(study: EmStudy, folder: Any, digest: str, seed: int) -> dict[i
         content = {
             "what": f"Baum-Welch estimate with {counted(k, 'state')}; {fit.sentence}",
             **model_to_dict(fit.model),
-            "provenance": {"data_digest": digest, "seed": seed, "log_likelihood": fit.log_likelihood,
-                           "converged": fit.converged},
+            "provenance": {"data": data, "data_digest": digest, "seed": seed,
+                           "log_likelihood": fit.log_likelihood, "converged": fit.converged},
         }  # fmt: skip
         write_output("--out", path, (json_text.dumps(content, indent=1) + "\n").encode())
         files[k] = str(path)

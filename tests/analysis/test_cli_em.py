@@ -77,3 +77,14 @@ def test_model_files_are_written(tmp_path):
     assert json.loads((tmp_path / "model_1_states.json").read_text())["what"].startswith(
         "Baum-Welch estimate with 1 state;"
     )
+
+
+def test_worker_processes_learn_the_same(tmp_path):
+    told = []
+    for name, words in (("threads.json", ()), ("processes.json", ("--workers", "2"))):
+        path = tmp_path / name
+        assert run("simulated_study1", "--states", "2", "--restarts", "4", *words, "--json", path, "--quiet") == 0
+        (fit,) = json.loads(path.read_text())["fits"]
+        told.append({k: v for k, v in fit.items() if k != "seconds"})
+    assert told[0] == told[1]
+    assert told[0]["log_likelihood"] < 0

@@ -14,8 +14,11 @@ ARGS ?=
 help: ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
+# Said where somebody asked for the environment itself, and not before each of the other chores.
+READY := .venv is ready. Next: .venv/bin/prosocial shows the first steps; make report makes the whole report
 env: ## Make or repair .venv exactly as requirements.lock says
 	@sh .ci/environment .venv requirements.lock
+	$(if $(filter env,$(MAKECMDGOALS)),@echo "$(READY)")
 
 report: env ## The whole report on the bundled data, into reports/build (OUT=folder)
 	$(BIN)/prosocial report --out $(OUT) $(ARGS)

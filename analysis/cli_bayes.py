@@ -115,7 +115,7 @@ def bayes_command(
     report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
     took = f"Sampled in {fit.sampling_seconds:.1f} s, after {fit.compile_seconds:.1f} s of compiling and loading."
     report.say("Found in the store." if stored.reused else took)
-    report.say(fit.gate.sentence)
+    report.say(fit.gate.sentence if fit.gate.passed else "Convergence gate FAILED: see the end.")
     report.say(contraction(fit).sentence)
     if people is not None:
         report.say(spread_sentence(fit))

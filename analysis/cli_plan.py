@@ -77,7 +77,8 @@ def plan_command(
 
     Example: prosocial plan model.json --schedule HRHRHRHRH
     """
-    from models.model_files import read_model
+    from analysis.stakes import stakes_of_fit
+    from models.model_files import model_from_dict, read_json
 
     report = Report(json, quiet)
     if policy is not None:
@@ -90,7 +91,9 @@ def plan_command(
         if not infinite and value is not None:
             raise located(option, value, "no value: it belongs to --infinite")
     costs = costs_of(cost, {"help": cost_help, "signal": cost_signal})
-    own = rewarded(read_model(model, load_protocol(protocol) if protocol else None), r, costs)
+    file = read_json(model)
+    own = rewarded(model_from_dict(file, model, load_protocol(protocol) if protocol else None), r, costs)
+    stakes = "" if own.reward.stated else stakes_of_fit(file.get("provenance"))
     if infinite:
         process = mode_process_of(own.protocol, mode_process or "alternating", start_mode)
         if start_mode is None and (hint := _other_start(own.protocol, process)):
@@ -98,8 +101,13 @@ def plan_command(
         content = _infinite(own, process, discount, precision, time_limit, seed, policy, report)
     else:
         content = _schedule(own, STUDY_SCHEDULE if schedule is None else schedule, discount, policy, report)
+    if stakes:
+        report.say(stakes)
     reward = {"r": own.reward.r, "x": list(own.reward.x), "costs": _costs(own)}
-    report.finish({**content, "reward": reward, "states": list(own.state_names), "seed": seed, "policy": policy})
+    report.finish(
+        {**content, "reward": reward, "states": list(own.state_names), "seed": seed, "policy": policy,
+         "cautions": list(own.cautions), "stakes": stakes}
+    )  # fmt: skip
 
 
 def _schedule(

@@ -121,6 +121,7 @@ def report_command(
     from analysis.report.build import HTML_NAME, PARTS_NAME, PDF_NAME, build_report
     from analysis.report.parts import INDEX, check_parts_folder
     from analysis.report.pdf import check_available
+    from analysis.report.summary import summarised
     from analysis.stated_reward import read_values
 
     report = Report(json, quiet)
@@ -187,6 +188,7 @@ def report_command(
         {
             "html": result.html, "pdf": result.pdf, "parts": result.parts and result.parts.folder,
             "sections": [{"key": s.key, "title": s.title, "omitted": s.omitted} for s in result.sections],
+            "summary": [answer.line for answer in summarised(result.sections)],
             "seconds": result.seconds, "compile_seconds": result.study.compile_seconds,
             "found_in_store": [what for what, found in result.found.items() if found],
             "computed": [what for what, found in result.found.items() if not found],

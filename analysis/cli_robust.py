@@ -99,6 +99,7 @@ def robust_command(
     from analysis import progress
     from analysis.next_studies import next_studies
     from analysis.robust_study import robust_fields, robust_study
+    from models.cautions import told_once
     from models.model_files import read_model
     from models.planning.schedule import Schedule
     from models.work_clock import WorkClock
@@ -125,7 +126,7 @@ def robust_command(
         )  # fmt: skip
     seconds = clock.wall()
     report.say(f"{source.sentence}. Schedule {known.letters}, discount {known.discount:g}.")
-    for line in _lines(study):
+    for line in told_once(_lines(study), study.cautions):
         report.say(line)
     _write(study, policy)
     report.finish(

@@ -97,6 +97,7 @@ def safeguard_command(
     """
     from analysis import progress
     from analysis.safeguard_study import Wanted, safeguard_study, study_fields
+    from models.cautions import told_once
     from models.planning.schedule import Schedule
     from models.work_clock import WorkClock
 
@@ -133,7 +134,7 @@ def safeguard_command(
 
         write_policy(study.guarded, policy)
     report.say(f"{source.sentence}. Schedule {known.letters}, discount {known.discount:g}.")
-    for line in lines(study):
+    for line in told_once(lines(study), study.cautions):
         report.say(line)
     if policy is not None:
         report.say(f"{study.guarded.name} is in {policy}.")

@@ -104,6 +104,7 @@ def sensitivity_command(
     from analysis import progress
     from analysis.sensitivity import READINGS, SensitivityEffort, discounts_of, sensitivity_study
     from analysis.sensitivity_variants import game_scores
+    from models.cautions import told_once
     from models.work_clock import WorkClock
 
     report = Report(json, quiet)
@@ -139,7 +140,7 @@ def sensitivity_command(
         )  # fmt: skip
     seconds = clock.wall()
     report.say(f"{asked.sentence}. {_discounts(study)}")
-    for line in _lines(study):
+    for line in told_once(_lines(study), study.cautions):
         report.say(line)
     report.finish({
         **sensitivity_fields(study, asked.left_out), **asked.to_dict(), "seconds": seconds,

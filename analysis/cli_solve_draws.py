@@ -226,7 +226,7 @@ def _values_in_words(solution: BatchSolution) -> str:
     v = _spread(solution.lower, solution)
     return (
         f"Values of the draws: mean {v['mean']:.5g}, from {v['q05']:.5g} to {v['q95']:.5g} in the middle 90% "
-        f"(reward units, lower bounds)."
+        f"({solution.batch.unit}, lower bounds)."
     )
 
 

@@ -129,9 +129,12 @@ class Comparison(NotebookView):
         - ``log_marginal, log_marginal_error, log_marginal_diff``: depends on the prior.
         - ``log_likelihood, aic, bic, aic_diff, bic_diff``.
         - ``gate``: ``passed``, ``failed`` or ``exact`` (independent draws).
+
+        K-fold and marginal likelihood are NaN where they were not made.
         """
         rows = []
-        best_fold = max(self.models, key=lambda m: float(m.kfold.sum())).kfold
+        folded = [m.kfold for m in self.models if not np.isnan(m.kfold).any()]
+        best_fold = max(folded, key=np.sum, default=np.full(self.people, np.nan))
         for m in self.models:
             own = self.stacking.loc[m.name]
             apart = m.kfold - best_fold
@@ -156,11 +159,16 @@ class Comparison(NotebookView):
         return frame
 
     def choices(self, kinds: Sequence[str] | None = None) -> dict[str, str]:
-        """Best model by each criterion, among models of some kinds (all by default)."""
+        """Best model by each criterion, among models of some kinds (all by default) for which it was made.
+
+        A criterion made for none of them chooses nothing and is left out.
+        """
         some = self.table if kinds is None else self.table[self.table["kind"].isin(kinds)]
+        height = {c: (-1 if c in ("aic", "bic") else 1) * some[c].to_numpy(float) for c in CRITERIA}
         return {
-            column: str(some["model"].iloc[int(np.argmax((-1 if column in ("aic", "bic") else 1) * some[column]))])
-            for column in CRITERIA
+            column: str(some["model"].iloc[int(np.nanargmax(values))])
+            for column, values in height.items()
+            if not np.isnan(values).all()
         }
 
     def indistinct(self, kinds: Sequence[str] | None = None) -> dict[str, list[str]]:

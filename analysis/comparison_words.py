@@ -25,9 +25,10 @@ def _provisional(result: Comparison) -> str:
     failed = [m.name for m in result.models if m.gate is not None and not m.gate.passed]
     if not failed:
         return ""
+    names = listed([called(m) for m in failed], "and")
     return (
-        f"PROVISIONAL: the posterior sample{'s' * (len(failed) > 1)} of {listed(failed, 'and')} missed the "
-        "convergence gate, on which LOO and k-fold rest."
+        f"PROVISIONAL: the posterior sample{'s' * (len(failed) > 1)} of {names} missed the convergence gate, on "
+        "which LOO and k-fold rest."
     )
 
 
@@ -106,7 +107,20 @@ def _name(column: str) -> str:
 def _span(models: Iterable[str]) -> str:
     """Models a criterion allows, best first."""
     best, *others = models
-    return best if not others else f"{best}, not told from {listed(others, 'or')}"
+    if not others:
+        return called(best)
+    return f"{called(best)}, not told from {listed([called(m) for m in others], 'or')}"
+
+
+def called(model: str) -> str:
+    """A model's name within a sentence: between quotation marks where it has a comma of its own.
+
+    Examples
+    --------
+    >>> called("2 states"), called("2 states, people differ")
+    ('2 states', '“2 states, people differ”')
+    """
+    return f"\N{LEFT DOUBLE QUOTATION MARK}{model}\N{RIGHT DOUBLE QUOTATION MARK}" if "," in model else model
 
 
 def listed(items: Sequence[str], last: str) -> str:

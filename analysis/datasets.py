@@ -46,6 +46,8 @@ class Card(NotebookView):
         ``unstated`` where nobody said.
     columns : mapping of str to str
         What each column means in this data set.
+    stakes : str
+        What people played for, where it was something else than the tokens of the paper's game; empty otherwise.
     rows, participants, sequences : int, optional
         Sizes of the log, checked when it is loaded.
     digest : str
@@ -62,6 +64,7 @@ class Card(NotebookView):
     references: tuple[str, ...] = ()
     defaults: Mapping[str, Any] = field(default_factory=dict)
     run_length: str = "unstated"
+    stakes: str = ""
     columns: Mapping[str, str] = field(default_factory=dict)
     rows: int | None = None
     participants: int | None = None
@@ -73,6 +76,7 @@ class Card(NotebookView):
         lines = [f"{self.title}", f"  name: {self.name} ({self.kind})", f"  source: {self.source}"]
         lines += [f"  licence: {self.licence}", f"  what it is: {self.what}"]
         lines += [f"  what it is not: {item}" for item in self.what_not]
+        lines += [f"  what people played for: {self.stakes}"] * bool(self.stakes)
         lines += [f"  reference: {item}" for item in self.references]
         lines += [f"  default {key}: {_shown(value)}" for key, value in self.defaults.items()]
         lines += [f"  column {key}: {value}" for key, value in self.columns.items()]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.reward_options import reward_asked
+from analysis.stakes import stakes_of_fit
 from analysis.wording import counted
 from models.errors import InputError, Phrase, located
 from models.model_draws import ModelDraws
@@ -72,6 +73,14 @@ class DrawsSource:
         return chains if chains and (self.draws.n_draws // self.kinds) % chains == 0 else None
 
     @property
+    def stakes(self) -> str:
+        """What the people behind the fit played for, where it was not what the reward is about; else empty."""
+        reward = self.draws.reward
+        if self.fit is None or (reward is not None and reward.stated):
+            return ""
+        return stakes_of_fit(self.fit.settings.get("provenance"))
+
+    @property
     def sentence(self) -> str:
         """What the draws are, in words."""
         d = self.draws
@@ -82,7 +91,8 @@ class DrawsSource:
         if self.kinds > 1:
             some += f", {self.kinds} kinds of people in each"
         kind = ("one model" if self.available == 1 else "weighted models") if self.fit is None else "posterior"
-        return f"{self.path} ({kind}): {some}, {counted(d.n_states, 'state')}"
+        stakes = f". {self.stakes.removesuffix('.')}" if self.stakes else ""
+        return f"{self.path} ({kind}): {some}, {counted(d.n_states, 'state')}{stakes}"
 
     @property
     def warnings(self) -> list[str]:
@@ -118,6 +128,7 @@ class DrawsSource:
             "states": list(self.draws.model(0).state_names),
             "reward": {"r": reward.r, "x": list(reward.x), "costs": costs},
             "actions": list(self.draws.protocol.action_names), "unseen": self.unseen, "left_out": self.left_out,
+            "cautions": list(self.draws.cautions), "stakes": self.stakes,
             "gate": None if self.fit is None else {
                 "passed": self.fit.gate.passed, "reasons": self.fit.gate.reasons, "forced": self.forced
             },

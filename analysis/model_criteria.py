@@ -48,9 +48,9 @@ class ModelCriteria:
     loo : arviz_stats.ELPDData
         PSIS-LOO by participant, pointwise.
     log_marginal, log_marginal_error : float
-        Log marginal likelihood and its Monte Carlo error (0 where it is exact).
+        Log marginal likelihood and its Monte Carlo error (0 where it is exact); NaN where it was not estimated.
     kfold : float64[person]
-        Log predictive of each person by a model that has not seen their fold.
+        Log predictive of each person by a model that has not seen their fold; NaN where no fold was held out.
     gate : Gate or None
         Convergence of the posterior sample; None where draws are independent.
     converged : bool
@@ -152,6 +152,67 @@ def of_rival(
     )  # fmt: skip
 
 
+def by_posterior(
+    log: EventLog,
+    name: str,
+    kind: str,
+    em: BaumWelchFit,
+    posterior: Posterior,
+    prior: DirichletPrior,
+    pins: Mapping[str, Array | None],
+    people: PersonOffset | None = None,
+) -> ModelCriteria:
+    """What a posterior and a point estimate at hand say at once: no k-fold and no marginal likelihood, both NaN.
+
+    Parameters
+    ----------
+    log, name, kind, em, posterior, prior, pins, people
+        As in `of_latent`.
+    """
+    value, parameters, converged = em.log_likelihood, em.n_parameters, em.converged
+    if people is not None:
+        density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
+        highest = people_maximum(density, em)
+        value, parameters, converged = highest.log_likelihood, parameters + 1, highest.converged
+    sample = posterior.data["log_likelihood"]["participant"].to_numpy()
+    return ModelCriteria(
+        name, kind, posterior.n_states, value, parameters, 2.0 * parameters - 2.0 * value,
+        float(np.log(log.n_responses_recorded)) * parameters - 2.0 * value, loo_by_person(sample, alike(log)),
+        np.nan, np.nan, np.full(sample.shape[-1], np.nan), posterior.gate, converged,
+    )  # fmt: skip
+
+
+def checked(
+    found: ModelCriteria,
+    log: EventLog,
+    posterior: Posterior,
+    prior: DirichletPrior,
+    pins: Mapping[str, Array | None],
+    fold: NDArray[np.int64],
+    evidence: SmcSettings,
+    moves: SmcSettings,
+    people: PersonOffset | None = None,
+    executor: Executor | None = None,
+) -> ModelCriteria:
+    """The same with what needs more sampling: k-fold over people and the marginal likelihood.
+
+    Parameters
+    ----------
+    found : ModelCriteria
+        As from `by_posterior`.
+    log, posterior, prior, pins, fold, evidence, moves, people, executor
+        As in `of_latent`.
+    """
+    density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
+    marginal = log_marginal_likelihood(density, evidence)
+    tables = [posterior.table(t) for t in TABLES]
+    theta = np.concatenate([t.reshape(len(t), -1) for t in tables], axis=1)
+    if people is not None:
+        theta = np.concatenate([theta, posterior.table(SPREAD)[:, None]], axis=1)
+    left_out = held_out_log_predictive(log, density, theta, fold, moves, executor=executor)
+    return replace(found, log_marginal=marginal.estimate, log_marginal_error=marginal.error, kfold=left_out)
+
+
 def of_latent(
     log: EventLog,
     name: str,
@@ -186,19 +247,5 @@ def of_latent(
     executor : concurrent.futures.Executor, optional
         What folds are spread over; threads of this process by default. The result does not depend on it.
     """
-    density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
-    marginal = log_marginal_likelihood(density, evidence)
-    tables = [posterior.table(t) for t in TABLES]
-    theta = np.concatenate([t.reshape(len(t), -1) for t in tables], axis=1)
-    value, parameters, converged = em.log_likelihood, em.n_parameters, em.converged
-    if people is not None:
-        theta = np.concatenate([theta, posterior.table(SPREAD)[:, None]], axis=1)
-        highest = people_maximum(density, em)
-        value, parameters, converged = highest.log_likelihood, parameters + 1, highest.converged
-    sample = posterior.data["log_likelihood"]["participant"].to_numpy()
-    left_out = held_out_log_predictive(log, density, theta, fold, moves, executor=executor)
-    return ModelCriteria(
-        name, kind, posterior.n_states, value, parameters, 2.0 * parameters - 2.0 * value,
-        float(np.log(log.n_responses_recorded)) * parameters - 2.0 * value, loo_by_person(sample, alike(log)),
-        marginal.estimate, marginal.error, left_out, posterior.gate, converged,
-    )  # fmt: skip
+    found = by_posterior(log, name, kind, em, posterior, prior, pins, people)
+    return checked(found, log, posterior, prior, pins, fold, evidence, moves, people, executor)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 STEPS = (
     ("See what comes out, on a bundled study of SIMULATED people", (
-        ("prosocial report --quick", "a report in some minutes; without --quick to cite"),
+        ("prosocial report --quick", "several minutes the first time, then one; to cite: no --quick"),
     )),
     ("Bring your own data", (
         ("prosocial data check events.csv", "does it follow the schema? If not: which line, what was wanted"),

@@ -17,6 +17,7 @@ from analysis.sensitivity_variants import Beside, Variant, belief_variants, disc
 from analysis.sensitivity_variants import table as variant_table
 from models.errors import InputError
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.reward import Reward
 from models.sensitivity.endless_steps import INFINITE
 from models.sensitivity.reward_grid import RewardGrid, decide_grid, reward_of
@@ -36,7 +37,7 @@ Told = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class OwnSensitivity:
+class OwnSensitivity(NotebookView):
     """What draws decide under other rewards, discounts, beliefs and priors.
 
     Attributes
@@ -45,10 +46,13 @@ class OwnSensitivity:
         By kind (`KINDS`): one row a variant, reading and step (`analysis.sensitivity_variants.table`).
     draws : mapping of str to int
         Draws that were asked, by reading.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     rows: Mapping[str, tuple[dict[str, Any], ...]]
     draws: Mapping[str, int]
+    cautions: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -113,7 +117,7 @@ def own_sensitivity(
                 rows[kind] += variant_table(variant, decide_grid(decider_of(reading, own), cell, discount))
             if progress is not None:
                 progress(f"what decisions depend on: {kind}", i + 1, len(variants))
-    return OwnSensitivity({kind: tuple(own) for kind, own in rows.items()}, asked)
+    return OwnSensitivity({kind: tuple(own) for kind, own in rows.items()}, asked, draws.cautions)
 
 
 def cost_variants(draws: ModelDraws, base: Reward) -> list[Variant]:

@@ -1,20 +1,26 @@
 r"""Whether a number of ours agrees with a printed one: the rules that decide the word, none of them by hand.
 
-A printed number stands for every number that rounds to it. Which rule applies follows from what ours is:
+A printed number stands for every number that rounds to it. *Agrees* is said of what is the same: equal digits,
+equal counts and names, a bound that holds, a conclusion that comes out. Of what scatters, all that can be tested is
+whether the difference is larger than chance makes it; where it is not, the two are *compatible*, which with few
+people a great deal is. Which rule applies follows from what ours is:
 
 * *follows* from other printed numbers: it agrees if something that rounds to the printed number follows from
   numbers that round to theirs; otherwise the printed numbers contradict each other.
 * *counted* or named: it agrees if it is the same. A setting that this project takes from the paper is the same by
   choice, which is called taken over and not agreement.
-* with an *interval*: it agrees if the printed number lies inside.
-* with a *sampling error on both sides*: it agrees if the difference is at most 1.96 of its standard errors.
-  Test statistics are compared on the scale on which their error is about one: z itself, the root of a χ² with one
-  degree of freedom, and the z that a p value stands for.
+* with an *interval*: it is compatible if the printed number lies inside.
+* with a *sampling error on both sides*: it is compatible if the difference is at most 1.96 of its standard errors.
+  Test statistics are compared on the scale on which their error is about one: z itself, and the root of a χ² with
+  one degree of freedom.
+* a p value that is printed as a *bound*: it agrees if ours keeps the bound. If not, it is compatible where the z
+  that ours stands for is at most as far below that of the bound as two studies may be, and differs otherwise.
 * a conclusion that came out in a *share* of simulated studies: it agrees if it comes out in most of them, and
   differs if it does not in most of them; where the interval of the share holds one half, it is not decided.
 * a conclusion under several *readings* of what the paper leaves open: it agrees or differs if all of them say so.
 
-Equal digits go first: a number that rounds to the printed one agrees within rounding, whatever its error.
+Equal digits go first: a number that rounds to the printed one agrees within rounding, whatever its error. Several
+comparisons of a number, and several numbers of one estimate, get the worst of their words.
 """
 
 from __future__ import annotations
@@ -44,6 +50,7 @@ class Word(Enum):
     CONTRADICTS = "printed numbers contradict each other"
     DIFFERS = "differs"
     OPEN = "not decided"
+    COMPATIBLE = "compatible"
     AGREES = "agrees"
     ROUNDING = "agrees within rounding"
     TAKEN = "taken over"
@@ -60,7 +67,7 @@ class Agreement:
     why : str
         By how much, or what stands in the way.
     distance : float or None
-        Ours less printed in half-widths of the interval that decides: from -1 to 1 they agree.
+        Ours less printed in half-widths of the interval that decides: from -1 to 1 they are compatible.
     """
 
     word: Word
@@ -79,7 +86,7 @@ def unchecked(reason: str) -> Agreement:
 
 
 def overall(agreements: Iterable[Agreement]) -> Agreement:
-    """The one of several comparisons of a number that speaks for all of them: the worst, checks before none.
+    """The one of several comparisons that speaks for all of them: the worst, checks before none.
 
     Examples
     --------
@@ -150,7 +157,7 @@ def inside(printed: float, ours: float, low: float, high: float) -> Agreement:
     Examples
     --------
     >>> inside(10.42, 8.5, 5.0, 21.0).text, inside(48, 56.8, 56.0, 57.6).text
-    ('agrees', 'differs: by +8.8')
+    ('compatible', 'differs: by +8.8')
     """
     if not low <= ours <= high:
         raise located("interval", f"{low} to {high}", f"one that holds {ours}")
@@ -182,7 +189,7 @@ def statistics(printed: float, ours: float, *, chi_squared: bool = False) -> Agr
     Examples
     --------
     >>> statistics(6.44, 4.75).text, statistics(43.87, 9.0, chi_squared=True).text
-    ('agrees: −1.2 standard errors', 'differs: by −34.87, −2.6 standard errors')
+    ('compatible: −1.2 standard errors', 'differs: by −34.87, −2.6 standard errors')
     """
     if chi_squared:
         distance = (math.sqrt(max(ours, 0.0)) - math.sqrt(max(printed, 0.0))) / (MOST * math.sqrt(2))
@@ -194,14 +201,15 @@ def statistics(printed: float, ours: float, *, chi_squared: bool = False) -> Agr
 def chances(printed: str, ours: float) -> Agreement:
     """Rule for a two-sided p value that is printed as a limit, such as ``<0.001``.
 
-    It agrees if ours is below, or if the two stand for z that are no farther apart than two studies may be.
+    It agrees if ours keeps the bound. If not, it is compatible where the z that ours stands for is at most as far
+    below the bound's as two studies may be, 1.96 standard errors of a difference of two z.
 
     Examples
     --------
     >>> chances("<0.001", 2e-6).text, chances("<0.001", 0.7).text
-    ('agrees', 'differs: 0.7, z 0.39 where 3.29 or more is printed')
+    ('agrees', 'differs: not below 0.001; z 0.39 where 3.29 or more is printed, −2.1 standard errors')
     >>> chances("<0.077", 0.28).text
-    'agrees: not below, but no farther away than two studies may be'
+    'compatible: not below 0.077; z 1.08 where 1.77 or more is printed, −0.5 standard errors'
     """
     if not printed.startswith("<"):
         raise located("printed p value", printed, "one such as <0.001")
@@ -209,9 +217,12 @@ def chances(printed: str, ours: float) -> Agreement:
     least, found = (float(norm.isf(p / 2)) for p in (limit, ours))
     if ours < limit:
         return Agreement(Word.AGREES)
-    if least - found <= MOST * math.sqrt(2):
-        return Agreement(Word.AGREES, "not below, but no farther away than two studies may be")
-    return Agreement(Word.DIFFERS, f"{written(ours)}, z {found:.2f} where {least:.2f} or more is printed")
+    errors = (found - least) / math.sqrt(2)
+    told = (
+        f"not below {limit:g}; z {found:.2f} where {least:.2f} or more is printed, "
+        f"{f'{errors:+.1f}'.replace('-', MINUS)} standard errors"
+    )
+    return Agreement(Word.COMPATIBLE if -errors <= MOST else Word.DIFFERS, told)
 
 
 def mostly(share: float, low: float, high: float) -> Agreement:
@@ -291,13 +302,13 @@ def _decided(printed: float, ours: float, distance: float) -> Agreement:
         word = Word.AGREES if _same(printed, ours) else Word.ROUNDING
         return Agreement(word, distance=max(-1.0, min(1.0, distance)))
     if abs(distance) <= 1:
-        return Agreement(Word.AGREES, distance=distance)
+        return Agreement(Word.COMPATIBLE, distance=distance)
     return Agreement(Word.DIFFERS, _by(ours - printed), distance)
 
 
 def _in_errors(found: Agreement) -> Agreement:
     """The distance in standard errors of the difference, put into words; equal digits need none."""
-    if found.word not in (Word.AGREES, Word.DIFFERS) or not found.distance:
+    if found.word not in (Word.COMPATIBLE, Word.DIFFERS) or found.distance is None:
         return found
     errors = f"{found.distance * MOST:+.1f}".replace("-", MINUS)
     told = f"{errors} standard errors"

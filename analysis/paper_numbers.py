@@ -4,6 +4,9 @@ A row is a `PaperNumber`: what is printed and where, and one `Check` for each th
 word of a check is decided by a rule of `analysis.paper_agreement`. Printed numbers come from
 `analysis.design.published`; ours are computed by the functions behind the other sections of the report, or lie in
 stored evidence. The rows themselves are made topic by topic in ``analysis/paper_*.py``.
+
+The paper prints one estimate in several ways: an odds ratio, its interval, z, p, χ² and ΔAIC are one finding six
+times. Rows of one estimate are put together (`Estimate`), and estimates are what is counted.
 """
 
 from __future__ import annotations
@@ -71,6 +74,9 @@ class PaperNumber:
     printed : str
         As printed.
     checks : tuple of Check
+    estimate : str
+        What the row is one way of printing, the same for all rows of its topic that print it; empty for a row that
+        stands alone.
     """
 
     topic: str
@@ -78,6 +84,7 @@ class PaperNumber:
     quantity: str
     printed: str
     checks: tuple[Check, ...]
+    estimate: str = ""
 
     def __post_init__(self) -> None:
         if not self.checks or not (self.place and self.quantity and self.printed):
@@ -89,6 +96,44 @@ class PaperNumber:
     def agreement(self) -> Agreement:
         """What all checks come to (`analysis.paper_agreement.overall`)."""
         return overall(check.agreement for check in self.checks)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimate, claim or setting, with all the rows that print it.
+
+    Attributes
+    ----------
+    rows : tuple of PaperNumber
+    """
+
+    rows: tuple[PaperNumber, ...]
+
+    @property
+    def topic(self) -> str:
+        """Topic of its rows."""
+        return self.rows[0].topic
+
+    @property
+    def agreement(self) -> Agreement:
+        """What its rows come to: the worst speaks, as among the checks of a row."""
+        return overall(row.agreement for row in self.rows)
+
+    @property
+    def deciding(self) -> PaperNumber:
+        """The row that speaks for all, the first of the worst."""
+        word = self.agreement.word
+        return next(row for row in self.rows if row.agreement.word is word)
+
+    @property
+    def others(self) -> str:
+        """Words of the rows beside the deciding one, each named in short; empty if it is the only one."""
+        short = [row.quantity.rpartition(": ")[2] for row in self.rows]
+        return "; ".join(
+            f"{name if short.count(name) == 1 else row.quantity}: {row.agreement.word.value}"
+            for name, row in zip(short, self.rows, strict=True)
+            if row is not self.deciding
+        )
 
 
 @dataclass(frozen=True)
@@ -185,21 +230,31 @@ def paper_numbers(ours: Ours) -> tuple[PaperNumber, ...]:
     return tuple(row for make in makers for row in make(ours))
 
 
-def counts(rows: Sequence[PaperNumber]) -> dict[Word, int]:
-    """How many printed numbers each word is said of."""
-    found = Counter(row.agreement.word for row in rows)
-    return {word: found[word] for word in Word}
+def estimates(rows: Sequence[PaperNumber]) -> tuple[Estimate, ...]:
+    """Rows put together by the estimate that they print, in the order of each one's first row."""
+    groups: dict[tuple[str, str, int], list[PaperNumber]] = {}
+    for i, row in enumerate(rows):
+        groups.setdefault((row.topic, row.estimate, -1 if row.estimate else i), []).append(row)
+    return tuple(Estimate(tuple(group)) for group in groups.values())
+
+
+def counts(found: Sequence[Estimate]) -> dict[Word, int]:
+    """How many estimates each word is said of."""
+    words = Counter(one.agreement.word for one in found)
+    return {word: words[word] for word in Word}
 
 
 def sentence(rows: Sequence[PaperNumber]) -> str:
-    """How many agree, differ, cannot be checked."""
-    n = counts(rows)
-    agree = n[Word.AGREES] + n[Word.ROUNDING]
+    """How many agree, are compatible, differ, cannot be checked."""
+    found = estimates(rows)
+    n = counts(found)
     return (
-        f"Of {len(rows)} numbers, claims and figures that the paper prints, so many agree: {agree} "
-        f"({n[Word.ROUNDING]} of them within rounding); differ: {n[Word.DIFFERS]}; contradict other printed "
-        f"numbers: {n[Word.CONTRADICTS]}; are not decided: {n[Word.OPEN]}; cannot be checked: {n[Word.UNCHECKED]}; "
-        f"are a setting or a design taken over from the paper, and so cannot disagree: {n[Word.TAKEN]}."
+        f"{len(rows)} rows hold what the paper prints, on {len(found)} estimates, claims and settings. Counted "
+        f"once each, by the worst word of their rows, so many agree: {n[Word.AGREES] + n[Word.ROUNDING]} "
+        f"({n[Word.ROUNDING]} of them within rounding); are compatible, no farther apart than chance makes two "
+        f"studies: {n[Word.COMPATIBLE]}; differ: {n[Word.DIFFERS]}; contradict other printed numbers: "
+        f"{n[Word.CONTRADICTS]}; are not decided: {n[Word.OPEN]}; cannot be checked: {n[Word.UNCHECKED]}; are a "
+        f"setting or a design taken over from the paper, and so cannot disagree: {n[Word.TAKEN]}."
     )
 
 

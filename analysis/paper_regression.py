@@ -87,7 +87,7 @@ def _term(ours: Ours, term: str, printed: pd.Series) -> list[PaperNumber]:
         ("z", as_printed(printed["z"]), (from_both, own_z)),
         ("p", str(printed["p"]), (from_z, own_p)),
     )
-    return [PaperNumber(TOPIC, PLACE, f"{name}: {what}", text, checks) for what, text, checks in rows]
+    return [PaperNumber(TOPIC, PLACE, f"{name}: {what}", text, checks, name) for what, text, checks in rows]
 
 
 def _own_term(ours: Ours, term: str, printed: pd.Series) -> tuple[Check, Check, Check]:
@@ -141,11 +141,11 @@ def _test(ours: Ours) -> list[PaperNumber]:
                 follows(daic, round(implied - slack, 4), round(implied + slack, 4)), SECTION)  # fmt: skip
     p = Check(f"{written(from_chi, 2)}, from χ²", Basis.PRINTED,
               _below(from_chi, float(printed["p"].lstrip("<"))), SECTION)  # fmt: skip
-    what = "helping against the null"
+    what, same = "helping against the null", NAMES[TERM_OF["help"]]
     return [
-        PaperNumber(TOPIC, PLACE, f"{what}: χ²({df})", as_printed(chi2), (own_chi,)),
-        PaperNumber(TOPIC, PLACE, f"{what}: ΔAIC", as_printed(daic), (aic, own_aic)),
-        PaperNumber(TOPIC, PLACE, f"{what}: p", printed["p"], (p, own_p)),
+        PaperNumber(TOPIC, PLACE, f"{what}: χ²({df})", as_printed(chi2), (own_chi,), same),
+        PaperNumber(TOPIC, PLACE, f"{what}: ΔAIC", as_printed(daic), (aic, own_aic), same),
+        PaperNumber(TOPIC, PLACE, f"{what}: p", printed["p"], (p, own_p), same),
     ]
 
 
@@ -169,7 +169,8 @@ def _conclusions(ours: Ours) -> list[PaperNumber]:
                             concluded(None if math.isnan(between) else between >= SURE)),)),
         PaperNumber(TOPIC, PLACE, "conclusion", claim, (_check(ours, told, concluded(every)),)),
         PaperNumber(TOPIC, PLACE, "trend", "signalling exhibited an increasing trend",
-                    (_check(ours, f"odds ratio {written(trend, 3)}", concluded(trend > 1)),)),
+                    (_check(ours, f"odds ratio {written(trend, 3)}", concluded(trend > 1)),),
+                    NAMES[TERM_OF["signal"]]),
         *_by_state(ours),
     ]  # fmt: skip
 

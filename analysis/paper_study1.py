@@ -81,7 +81,7 @@ def _people(ours: Ours) -> list[PaperNumber]:
         rows.append(
             PaperNumber(
                 TOPIC, HUMAN_SUBJECTS, f"people who identify as {sex}", str(told[sex]),
-                (Check(f"{left}, the others", Basis.PRINTED, follows(told[sex], left), "study"),),
+                (Check(f"{left}, the others", Basis.PRINTED, follows(told[sex], left), "study"),), "men and women",
             )
         )  # fmt: skip
     return rows + [not_recorded(TOPIC, HUMAN_SUBJECTS, name, text) for name, text in ages_and_payment(told)]

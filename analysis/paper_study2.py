@@ -69,14 +69,16 @@ def _anova(ours: Ours) -> list[PaperNumber]:
         key = _key(str(r.measure))
         what = f"{r.measure}, {_effect(str(r.effect))}"
         rows.append(
-            PaperNumber(TESTS, ANOVA, f"{what}: F", f"{r.f:.4f}", (replicated(ours, f"F {key}, {r.effect}", r.f),))
+            PaperNumber(
+                TESTS, ANOVA, f"{what}: F", f"{r.f:.4f}", (replicated(ours, f"F {key}, {r.effect}", r.f),), what
+            )
         )
         implied, printed = float(r.p_implied), float(r.p)
         rows.append(
             PaperNumber(
                 TESTS, ANOVA, f"{what}: p", f"{printed:.4f}" if printed < FOUR_DIGITS else as_printed(printed),
                 (Check(f"{written(implied, 3)}, from F({r.df1}, {r.df2})", Basis.PRINTED,
-                       _p_follows(printed, implied, implied), "anova"),),
+                       _p_follows(printed, implied, implied), "anova"),), what,
             )
         )  # fmt: skip
     return rows
@@ -148,11 +150,11 @@ def _tukey(ours: Ours) -> list[PaperNumber]:
             what = f"{MEASURES[key]}, {policy} less {LS_POMDP}"
             rows.append(
                 PaperNumber(COMPARED, TUKEY, f"{what}: difference", as_printed(difference),
-                            (replicated(ours, f"difference {key}, {policy}", difference),))
+                            (replicated(ours, f"difference {key}, {policy}", difference),), what)
             )  # fmt: skip
             rows.append(
                 PaperNumber(COMPARED, TUKEY, f"{what}: adjusted p", as_printed(p),
-                            (_from_the_others(ours, errors, key, policy, difference, p),))
+                            (_from_the_others(ours, errors, key, policy, difference, p),), what)
             )  # fmt: skip
     return rows
 

@@ -85,6 +85,8 @@ class Finding(NotebookView):
         Whether all draws weigh the same.
     undecided : bool
         Whether any cell is, in any draw.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     key: str
@@ -95,6 +97,7 @@ class Finding(NotebookView):
     draws: int
     even: bool = True
     undecided: bool = False
+    cautions: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -174,7 +177,7 @@ def check_findings(
             half, never, always = (_checked(found, certain[reading], way) for way in (0.5, 0.0, 1.0))
             undecided = bool((found.answers.choice < 0).any())
             out += [
-                replace(_agreed(own, *others), undecided=undecided)
+                replace(_agreed(own, *others), undecided=undecided, cautions=found.cautions)
                 for own, *others in zip(half, never, always, strict=True)
             ]
     return tuple(out)

@@ -139,6 +139,7 @@ def _data_side(
         k: ModelDraws(
             log.protocol, b.initial, b.transition, b.emission, np.full(b.replicates, 1 / b.replicates),
             {"source": name}, study.fits[k].model.state_names, study.fits[k].model.reward,
+            study.fits[k].model.cautions,
         )
         for k, b in study.bootstraps.items()
     }  # fmt: skip

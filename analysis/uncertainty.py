@@ -26,11 +26,8 @@ from models.notebook_view import NotebookView
 from models.parameters import Array
 from models.posterior import Posterior
 
-KNOWN, PARTLY, UNKNOWN = 0.75, 0.25, 0.1
-"""Median contraction from which a table is called known, partly known; below the last it *is* the prior."""
-
-HALF = 0.5
-"""Contraction from which an entry is named although its tables as a whole are mostly prior."""
+KNOWN, PARTLY, UNKNOWN = 0.8, 0.5, 0.1
+"""Contraction above which an entry is known from the data, below which it is mostly prior, and *is* the prior."""
 
 EVERYONE = "average at the start"
 """In the column ``state`` of contrasts: the mean over the initial belief."""
@@ -63,33 +60,49 @@ class Contraction(NotebookView):
     level: float
 
     @property
+    def moves(self) -> Array:
+        """Contraction of all transition entries that were learned."""
+        rows = self.table["table"].str.startswith("moves: ")
+        return self.table.loc[rows, "contraction"].dropna().to_numpy()
+
+    @property
     def median_of_moves(self) -> float:
         """Median contraction over all transition entries that were learned; NaN if none was."""
-        moves = self.table["table"].str.startswith("moves: ")
-        return float(self.table.loc[moves, "contraction"].median())
+        return float(np.median(self.moves)) if len(self.moves) else float("nan")
+
+    @property
+    def verdict(self) -> str:
+        """What the data say of the transition tables, by their entries; empty if none was learned.
+
+        The data determine them if at least three quarters of the entries are known and none is mostly prior. They
+        are the prior if not even a quarter of the entries has a contraction above `UNKNOWN`, and mostly the prior
+        if more than half of the entries are. Everything else is in part.
+        """
+        if not len(self.moves):
+            return ""
+        low, mid, high = np.quantile(self.moves, [0.25, 0.5, 0.75])
+        if high < UNKNOWN:
+            return "the transition tables are the prior"
+        if mid < PARTLY:
+            return "the transition tables are mostly the prior"
+        if low > KNOWN and self.moves.min() >= PARTLY:
+            return "the data determine the transition tables"
+        return "the data determine the transition tables in part"
 
     @property
     def sentence(self) -> str:
-        """The diagnosis in a sentence, made from the numbers."""
-        n = self.n_states
+        """The diagnosis in a sentence, made from the numbers entry by entry."""
+        n, moves = self.n_states, self.moves
         count = NUMBERS[n] if n < len(NUMBERS) else str(n)
         where = f"At {count} state{'s' * (n != 1)}"
-        median = self.median_of_moves
-        if np.isnan(median):
+        if not len(moves):
             return f"{where} no transition table is learned."
-        if median < UNKNOWN:
-            verdict = "the transition tables are the prior"
-        elif median < PARTLY:
-            verdict = "the transition tables are mostly the prior"
-        elif median < KNOWN:
-            verdict = "the data determine the transition tables in part"
-        else:
-            verdict = "the data determine the transition tables"
-        text = f"{where} {verdict}: median contraction {_two(median)}"
-        moves = self.table.loc[self.table["table"].str.startswith("moves"), "contraction"].dropna()
-        known = int((moves > HALF).sum())
-        if median < PARTLY and known:
-            text += f", though {known} of {len(moves)} entries are above {_two(HALF)}"
+        known, prior = int((moves > KNOWN).sum()), int((moves < PARTLY).sum())
+        text = (
+            f"{where} {self.verdict}: of {len(moves)} entries {_number(known)} known from the data (contraction "
+            f"above {_two(KNOWN)}) and {_number(prior)} mostly prior (below {_two(PARTLY)}); median contraction "
+            f"{_two(self.median_of_moves)}, lowest {_two(float(moves.min()))}"
+        )
         responses = self.by_table[self.by_table.index.str.startswith("responses: ")]["median"]
         told = [f"{_two(v)} under '{spoken(name.removeprefix('responses: '))}'" for name, v in responses.items()]
         return f"{text} (response tables: {', '.join(told)})." if told else f"{text}."
@@ -121,6 +134,17 @@ def _table_of(name: str) -> str:
     if kind == "initial":
         return "initial"
     return f"{'moves' if kind == 'transition' else 'responses'}: {rest.split(',')[0]}"
+
+
+def _number(count: int) -> str:
+    """A number of entries with its verb.
+
+    Examples
+    --------
+    >>> _number(0), _number(1), _number(8)
+    ('none is', '1 is', '8 are')
+    """
+    return f"{count or 'none'} {'is' if count < 2 else 'are'}"
 
 
 def _two(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,7 @@ class BaumWelchFit(NotebookView):
     Attributes
     ----------
     model : LatentStatePOMDP
+        With a caution unless the search converged.
     log_likelihood : float
         Natural log, summed over runs.
     trace : float64[iterates]
@@ -85,6 +86,19 @@ class BaumWelchFit(NotebookView):
     emission_weights: Array
     pins: Mapping[str, Array]
     settings: BaumWelch
+
+    def __post_init__(self) -> None:
+        # What is planned with the model alone must tell of it too.
+        cautions = tuple(filter(None, (self.caution,)))
+        if self.model.cautions != cautions:
+            object.__setattr__(self, "model", replace(self.model, cautions=cautions))
+
+    @property
+    def caution(self) -> str:
+        """What everything made from the model repeats (`models.cautions`); empty if the search converged."""
+        if self.converged:
+            return ""
+        return f"Baum-Welch did not converge within {self.settings.max_maps:,} EM maps"
 
     @property
     def n_states(self) -> int:

@@ -90,6 +90,11 @@ class Gate(NotebookView):
         return not self.reasons
 
     @property
+    def caution(self) -> str:
+        """What everything made from the draws repeats (`models.cautions`); empty if the gate is passed."""
+        return "" if self.passed else "the posterior failed its convergence gate"
+
+    @property
     def sentence(self) -> str:
         """The gate in one sentence."""
         rhat = "no r-hat" if np.isnan(self.max_rhat) else f"largest r-hat {self.max_rhat:.4f}"

@@ -87,6 +87,22 @@ class Identification(NotebookView):
         """Directions in parameter space along which the likelihood is flat."""
         return self.n_parameters - self.rank
 
+    @property
+    def mostly_flat(self) -> bool:
+        """Whether the likelihood is flat along more than half of the directions."""
+        return 2 * self.deficiency > self.n_parameters
+
+    @property
+    def flat_sentence(self) -> str:
+        """Along how many directions the likelihood is flat; empty if along none."""
+        if self.deficiency <= 0:
+            return ""
+        return (
+            f"The observed histories pin down {self.rank} of the {self.n_parameters} free parameters: along "
+            f"{self.deficiency} direction{'s' if self.deficiency > 1 else ''} the likelihood is flat, and "
+            "the reported entries are one of infinitely many equally good answers."
+        )
+
     def sentences(self) -> list[str]:
         """The paragraph "what this does not show", one sentence an item; empty only if nothing is wrong."""
         out = []
@@ -118,11 +134,7 @@ class Identification(NotebookView):
                 "a repeated mode would tell."
             )
         if self.deficiency > 0:
-            out.append(
-                f"The observed histories pin down {self.rank} of the {self.n_parameters} free parameters: along "
-                f"{self.deficiency} direction{'s' if self.deficiency > 1 else ''} the likelihood is flat, and "
-                "the reported entries are one of infinitely many equally good answers."
-            )
+            out.append(self.flat_sentence)
         if self.hardly_informed > 0:
             out.append(
                 f"{self.hardly_informed} of {self.n_parameters} directions in parameter space carry less "

@@ -47,6 +47,9 @@ class LatentStatePOMDP(NotebookView):
     protocol : Protocol
     state_names : tuple of str
     reward : Reward
+    cautions : tuple of str
+        Why not to trust it, such as a search that stopped before it converged. Plans made for the model repeat them
+        (`models.cautions`).
 
     Raises
     ------
@@ -61,6 +64,7 @@ class LatentStatePOMDP(NotebookView):
     protocol: Protocol = PUBLISHED
     state_names: tuple[str, ...] = ()
     reward: Reward = field(default=None)  # type: ignore[assignment]
+    cautions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("initial", "transition", "emission"):

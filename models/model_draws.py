@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.cautions import together
 from models.errors import InputError, Phrase, located
 from models.lspomdp import LatentStatePOMDP, check_rows, default_state_names
 from models.model_files import model_from_dict
@@ -38,6 +39,9 @@ class ModelDraws(NotebookView):
         Names shared by all draws; the defaults for this number of states unless given.
     reward : Reward, optional
         Reward shared by all draws; the published one unless given.
+    cautions : tuple of str
+        Why not to trust them, such as a posterior that failed its convergence gate. Everything made from the draws
+        repeats them (`models.cautions`).
     """
 
     protocol: Protocol
@@ -48,6 +52,7 @@ class ModelDraws(NotebookView):
     provenance: Mapping[str, Any] = field(default_factory=dict)
     state_names: tuple[str, ...] = ()
     reward: Reward | None = None
+    cautions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         d, s = self.initial.shape if self.initial.ndim == 2 else (0, 0)
@@ -110,6 +115,7 @@ class ModelDraws(NotebookView):
             dict(provenance or {}),
             models[0].state_names,
             models[0].reward,
+            together(*(m.cautions for m in models)),
         )
 
     @classmethod
@@ -136,7 +142,7 @@ class ModelDraws(NotebookView):
         return LatentStatePOMDP(
             self.initial[draw], self.transition[draw], self.emission[draw], self.protocol,
             self.state_names or default_state_names(self.n_states),
-            self.reward or Reward(default_x(self.n_states)),
+            self.reward or Reward(default_x(self.n_states)), self.cautions,
         )  # fmt: skip
 
     def __iter__(self) -> Iterator[LatentStatePOMDP]:

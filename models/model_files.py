@@ -3,7 +3,8 @@
 ``{"states": [...], "initial": [...], "transition": {action: [[...]]}, "emission": {action: [[...]]}}``, with
 ``help_probability: {action: [...]}`` accepted as shorthand wherever the protocol has exactly two responses:
 it is the probability of the response with the higher score. `protocol` may be given inline; `reward`
-(`x`, `r`, `costs`) is optional, and keys not listed here are kept out of the model but allowed.
+(`x`, `r`, `costs`) is optional, and so is `cautions`, a list of why not to trust the model. Keys not listed here
+are kept out of the model but allowed.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ def model_to_dict(model: LatentStatePOMDP) -> dict[str, Any]:
     if model.reward.unit != UNIT:
         content["reward"]["unit"] = model.reward.unit
     content["protocol"] = protocol.to_dict()
+    if model.cautions:
+        content["cautions"] = list(model.cautions)
     return content
 
 
@@ -98,8 +101,11 @@ def model_from_dict(
     else:
         raise InputError(f"{place}: has neither emission nor (for two responses) help_probability")
     reward = _reward(f"{place}, reward", content.get("reward", {}), n)
+    cautions = content.get("cautions", [])
+    if not isinstance(cautions, list) or not all(isinstance(text, str) and text.strip() for text in cautions):
+        raise located(f"{place}, key cautions", cautions, "a list of texts")
     try:
-        return LatentStatePOMDP(initial, transition, emission, protocol, tuple(states), reward)
+        return LatentStatePOMDP(initial, transition, emission, protocol, tuple(states), reward, tuple(cautions))
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
 

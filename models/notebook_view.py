@@ -12,14 +12,19 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
+
+from models.cautions import BEGINS, caution_line, cautions_of, repeating, together, uncautioned
 
 if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ROWS, MOST_COLUMNS, MOST_LETTERS = 20, 14, 60
 """Rows and columns of a table, and letters of a cell, that are shown."""
+
+MADE_FROM = ("draws", "schedule", "batch", "problem", "solution", "plan", "learned_plan")
+"""Fields of a result whose cautions are its own."""
 
 REPR_LETTERS = 240
 """Letters of the plain representation."""
@@ -30,6 +35,9 @@ UNITS: Mapping[str, str] = {
     "regret": "reward units", "cvar": "reward units", "seconds": "s", "tokens": "tokens",
 }  # fmt: skip
 """Units of columns that mean the same in every table; a class adds its own as `_units`."""
+
+WORTHS = tuple(name for name, unit in UNITS.items() if unit == "reward units")
+"""Columns that are in the unit of the reward, whatever it is called (`unit_of`)."""
 
 WHOSE: Mapping[str, str] = {
     "real": "real people", "simulated": "simulated: nobody took part", "unstated": "supplied file of unknown kind",
@@ -103,6 +111,9 @@ class NotebookView:
     By default it shows `warnings` (or `warning`), `notes`, `sentence` (or `sentences`, `text`) and `table` (a
     frame; or `summary()`, or `rows()`), whichever the class has. A class with more to say overrides `_view`. With
     ``plain=True`` as class argument it keeps its own plain representation, as settings do.
+
+    What was made from doubtful draws says so without any doing of its class: the view warns, and `sentence` ends
+    with the line of the `cautions`.
     """
 
     __slots__ = ()
@@ -115,20 +126,40 @@ class NotebookView:
         if not plain and "__repr__" not in cls.__dict__:
             # In the class itself, or the dataclass decorator would write one that dumps every array.
             cls.__repr__ = NotebookView.__repr__  # type: ignore[method-assign]
+        said = cls.__dict__.get("sentence")
+        if isinstance(said, property) and said.fget is not None:
+            setattr(cls, "sentence", property(repeating(said.fget)))  # noqa: B010
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Why not to trust what this was made from (`models.cautions`); empty where nothing is known against it."""
+        own = getattr(type(self), "__dataclass_fields__", {})
+        return together(*(cautions_of(getattr(self, name)) for name in MADE_FROM if name in own))
 
     def _view(self) -> View:
         return default_view(self)
 
     def _repr_html_(self) -> str:
-        return view_html(self._view())
+        return view_html(_cautious_view(self), unit_of(self))
 
     def __repr__(self) -> str:
         """One line: the kind of result, whether there are warnings, and its sentence."""
         view = self._view()
-        said = " ".join(view.sentences or view.warnings)
+        said = uncautioned(" ".join(view.sentences or view.warnings), self.cautions)
         warned = f"{len(view.warnings)} warning{'s' * (len(view.warnings) > 1)}; " if view.warnings else ""
-        text = textwrap.shorten(f"{warned}{said}", REPR_LETTERS, placeholder=" ...")
+        line = f"{caution_line(self.cautions)} " if self.cautions else ""
+        text = textwrap.shorten(f"{line}{warned}{said}", REPR_LETTERS, placeholder=" ...")
         return f"<{type(self).__name__}: {text}>"
+
+
+def _cautious_view(result: Any) -> View:
+    """The view of a result, its cautions above everything else and nowhere a second time."""
+    view: View = result._view()
+    if not result.cautions:
+        return view
+    told = tuple(uncautioned(text, result.cautions) for text in view.sentences)
+    line = caution_line(result.cautions).removeprefix(BEGINS)
+    return replace(view, warnings=(line, *view.warnings), sentences=told)
 
 
 def default_view(result: Any) -> View:
@@ -155,6 +186,26 @@ def heading_of(result: Any) -> str:
     """
     words = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z][a-z0-9]*|\d+", type(result).__name__)
     return str(result._heading or " ".join(words).capitalize())
+
+
+def unit_of(result: Any) -> str | None:
+    """What a result's values are in: its own `unit`, else that of what it was made from; None where nothing says.
+
+    Examples
+    --------
+    >>> from models.reward import Reward
+    >>> @dataclass
+    ... class Made:
+    ...     plan: object
+    >>> unit_of(Made(Made(Reward((0.0, 1.0), unit="points")))), unit_of(Made("HRH"))
+    ('points', None)
+    """
+    unit = getattr(result, "unit", None)
+    if isinstance(unit, str):
+        return unit
+    own = getattr(type(result), "__dataclass_fields__", {})
+    found = (unit_of(getattr(result, name)) for name in (*MADE_FROM, "reward") if name in own)
+    return next((unit for unit in found if unit is not None), None)
 
 
 def facts(result: Any) -> dict[str, str]:
@@ -275,14 +326,22 @@ def _plain(value: Any) -> Any:
 
 
 # -- HTML ----------------------------------------------------------------------------------------------
-def view_html(view: View) -> str:
-    """A view as one element of HTML, with nothing in it that is not escaped."""
+def view_html(view: View, unit: str | None = None) -> str:
+    """A view as one element of HTML, with nothing in it that is not escaped.
+
+    Parameters
+    ----------
+    view : View
+    unit : str, optional
+        What values are in, where it is not reward units.
+    """
+    units = {**UNITS, **dict.fromkeys(WORTHS if unit else (), unit or ""), **view.units}
     whose = f' <span class="faint">({html.escape(WHOSE.get(view.whose, view.whose))})</span>' if view.whose else ""
     parts = [f"<p><strong>{html.escape(view.heading)}</strong>{whose}</p>"]
     parts += [f'<p class="warning" role="note">Warning: {html.escape(text)}</p>' for text in view.warnings]
     parts += [f'<p class="faint" role="note">Note: {html.escape(text)}</p>' for text in view.notes]
     parts += [f"<p>{html.escape(text)}</p>" for text in view.sentences]
-    parts += [_table_html(rows, {**UNITS, **view.units}) for rows in view.tables if len(rows.frame.columns)]
+    parts += [_table_html(rows, units) for rows in view.tables if len(rows.frame.columns)]
     return f'<div class="prosocial-view">{_STYLE}{"".join(parts)}</div>'
 
 

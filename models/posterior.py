@@ -99,7 +99,7 @@ class Posterior(NotebookView):
         return replace(self, data=data, settings={**self.settings, "of_group": label})
 
     def draws(self, person: float | None = None) -> ModelDraws:
-        """All draws with equal weights, for everything that plans or compares.
+        """All draws with equal weights, for everything that plans or compares; they know if the gate failed.
 
         Parameters
         ----------
@@ -127,7 +127,10 @@ class Posterior(NotebookView):
         elif person is not None:
             raise InputError("people do not differ in this posterior: draws() takes no person")
         n = len(initial)
-        return ModelDraws(self.protocol, initial, transition, emission, np.full(n, 1.0 / n), dict(self.settings))
+        return ModelDraws(
+            self.protocol, initial, transition, emission, np.full(n, 1.0 / n), dict(self.settings),
+            cautions=tuple(filter(None, (self.gate.caution,))),
+        )  # fmt: skip
 
     def _values(self, name: str, group: str) -> Array:
         return np.asarray(self.data[group].to_dataset()[name].to_numpy())

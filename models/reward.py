@@ -43,7 +43,7 @@ class Reward(NotebookView, plain=True):
     r : float
         Steepness, per token (published: 0.06).
     costs : mapping of str to float
-        Cost of actions by name, in reward units; actions not named cost what the protocol says.
+        Cost of actions by name, in `unit`; actions not named cost what the protocol says.
     unit : str
         What values and costs are in, in the plural: ``points``, ``tokens``. Words only; no number depends on it.
     """
@@ -131,7 +131,7 @@ class Reward(NotebookView, plain=True):
         ]
         costs = ", ".join(f"{name} {cost:g}" for name, cost in self.costs.items()) or "those of the protocol"
         told = f"exp(r x_s) - exp(r x_0) less the cost of the action; r = {self.r:g} per token. Costs: {costs}."
-        units = {"x": "tokens a round", "exp(r x) - exp(r x0)": "reward units"}
+        units = {"x": "tokens a round", "exp(r x) - exp(r x0)": self.unit}
         return View("Reward", "definition", (), (), (told,), (frame_rows(rows, ".prosocial()"),), units)
 
 

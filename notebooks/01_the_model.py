@@ -28,6 +28,9 @@
 #
 # $$s_0 \sim b_0, \qquad o_k \sim O(\cdot \mid s_k, a_k), \qquad s_{k+1} \sim T(\cdot \mid s_k, a_k), \qquad
 # R(s, a) = e^{r x_s} - e^{r x_0} - C_a.$$
+#
+# All ten notebooks call the workbench `wb`: each name is loaded from where it lives when it is first asked for, and
+# `wb.Protocol?` says what it does and where that is.
 
 # %% tags=["parameters"]
 FAST = False
@@ -41,20 +44,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from analysis.datasets import load
-from analysis.figures.belief_path import belief_path
-from analysis.figures.beliefs import observation_curves
-from analysis.figures.curves import curves
-from analysis.figures.notebook import panels, show
-from analysis.figures.reward import reward_by_state
-from analysis.figures.state_graph import state_graph
-from analysis.figures.transitions import RowEvidence
-from analysis.simulate import calibrated_truth, simulate_study1
-from models.errors import InputError
-from models.lspomdp import LatentStatePOMDP
-from models.model_files import model_from_dict, model_to_dict, read_model, write_model
-from models.protocol import PUBLISHED, Protocol
-from models.simulation import simulate_responses
+import analysis.workbench as wb
 
 # %% [markdown]
 # ## The protocol, and a trap in its letters
@@ -70,7 +60,7 @@ pd.DataFrame(
         "the robot's choices (cost)": ", ".join(f"{a.name} ({a.cost:g})" for a in mode.actions),
         "does the person's response show?": mode.shows_response,
     }
-    for mode in PUBLISHED.modes
+    for mode in wb.PUBLISHED.modes
 )
 
 # %% [markdown]
@@ -79,7 +69,7 @@ pd.DataFrame(
 # filed under a round in which none could be seen. There is one converter for this in the whole workbench:
 
 # %%
-[mode.name for mode in PUBLISHED.modes_from_letters("HRHRH")]
+[mode.name for mode in wb.PUBLISHED.modes_from_letters("HRHRH")]
 
 # %% [markdown]
 # ## One round, in order
@@ -106,17 +96,17 @@ pd.DataFrame(
 # robot is stuck, without and with a signal.
 
 # %%
-truth = calibrated_truth()
-help_column = PUBLISHED.response_names.index("help")
+truth = wb.calibrated_truth()
+help_column = wb.PUBLISHED.response_names.index("help")
 frame = pd.DataFrame({"initial belief": truth.initial}, index=truth.state_names)
-for row, action in enumerate(PUBLISHED.emission_actions):
+for row, action in enumerate(wb.PUBLISHED.emission_actions):
     frame[f"helps after {action}"] = truth.emission[row, :, help_column]
 frame
 
 # %%
-helping = {a: truth.emission[row, :, help_column] for row, a in enumerate(PUBLISHED.emission_actions)}
-show(
-    observation_curves(helping, {}, truth.state_names, measure="probability to help", limits=(0, 1)),
+helping = {a: truth.emission[row, :, help_column] for row, a in enumerate(wb.PUBLISHED.emission_actions)}
+wb.show(
+    wb.observation_curves(helping, {}, truth.state_names, measure="probability to help", limits=(0, 1)),
     "truth",
     "Probability that a person helps the stuck robot, by latent state. No estimate, hence no intervals.",
 )
@@ -130,13 +120,13 @@ show(
 # up, dashed goes down.
 
 # %%
-known = RowEvidence(silent=False, pinned=False, visits=np.full(4, np.inf), weak=0)
+known = wb.RowEvidence(silent=False, pinned=False, visits=np.full(4, np.inf), weak=0)
 for pair in (("no_help", "help"), ("no_signal", "signal")):
-    left, right = panels(4.6, 4.6, height=3.0)
+    left, right = wb.panels(4.6, 4.6, height=3.0)
     for ax, action in zip((left, right), pair, strict=True):
-        state_graph(truth.transition[PUBLISHED.action(action)], truth.state_names, action, known, ax=ax)
+        wb.state_graph(truth.transition[wb.PUBLISHED.action(action)], truth.state_names, action, known, ax=ax)
     words = " and after ".join(action.replace("_", " ") for action in pair)
-    show(left, "truth", f"Moves of the state in one round, after {words}.")
+    wb.show(left, "truth", f"Moves of the state in one round, after {words}.")
 
 # %% [markdown]
 # **How to read it.** Withholding help pulls people down, helping pushes them up, a signal nudges them up a little.
@@ -149,8 +139,8 @@ for pair in (("no_help", "help"), ("no_signal", "signal")):
 # afterwards:
 
 # %%
-signal = PUBLISHED.action("signal")
-likelihood = truth.emission[PUBLISHED.emission_index[signal], :, help_column]
+signal = wb.PUBLISHED.action("signal")
+likelihood = truth.emission[wb.PUBLISHED.emission_index[signal], :, help_column]
 joint = truth.initial * likelihood  # the state now, and the response
 by_hand = joint @ truth.transition[signal] / joint.sum()  # divide by P(help), then let the state move
 by_method = truth.update(truth.initial, "signal", "help")
@@ -188,8 +178,8 @@ beliefs, labels = [truth.initial], ["at the\nstart"]
 for action, response in events:
     beliefs.append(truth.update(beliefs[-1], action, response))
     labels.append(f"{action},\n{response or 'nothing seen'}".replace("_", " "))
-show(
-    belief_path(np.array(beliefs), labels, truth.state_names),
+wb.show(
+    wb.belief_path(np.array(beliefs), labels, truth.state_names),
     "truth",
     "The robot's belief about one imagined person: at the start, and after each of five rounds.",
 )
@@ -211,11 +201,11 @@ show(
 # the steepness $r = 0.06$ are the published ones.
 
 # %%
-pd.DataFrame(truth.reward_table(), index=PUBLISHED.action_names, columns=truth.state_names).round(1)
+pd.DataFrame(truth.reward_table(), index=wb.PUBLISHED.action_names, columns=truth.state_names).round(1)
 
 # %%
-show(
-    reward_by_state(truth.reward.x, (0.04, 0.06, 0.08), truth.state_names, cost=15.0),
+wb.show(
+    wb.reward_by_state(truth.reward.x, (0.04, 0.06, 0.08), truth.state_names, cost=15.0),
     "definition",
     "What a round in each state is worth before the robot's cost, for three values of $r$.",
 )
@@ -234,13 +224,13 @@ show(
 # the state that nobody would see:
 
 # %%
-bundled = load("simulated_study1").log
+bundled = wb.load("simulated_study1").log
 design = bundled.select(runs=(bundled.schedules() == "HHRRH") & (bundled.condition == 2))
 design = design.select(participants=design.participant[:1])
 rng = np.random.default_rng(SEED)
 person = design.to_frame()[["k", "mode", "action"]]
 for i in range(3):
-    drawn, states = simulate_responses(truth, design, rng)
+    drawn, states = wb.simulate_responses(truth, design, rng)
     seen = drawn.to_frame()["observation"].astype(str)
     person[f"person {i + 1}"] = [f"{o} (in s{s})" for o, s in zip(seen, states, strict=True)]
 person
@@ -251,11 +241,11 @@ person
 # `HHRRH`.
 
 # %%
-many = simulate_study1(participants=5_400 if FAST else 540_000, seed=SEED)
+many = wb.simulate_study1(participants=5_400 if FAST else 540_000, seed=SEED)
 chosen = many.select(conditions=["help+signal"])
 chosen = chosen.select(runs=chosen.schedules() == "HHRRH")
 belief, exact, counted = truth.initial, {}, {}
-for k, mode in enumerate(PUBLISHED.modes_from_letters("HHRRH")):
+for k, mode in enumerate(wb.PUBLISHED.modes_from_letters("HHRRH")):
     action = "signal" if mode.shows_response else "help"
     if mode.shows_response:
         exact[k] = truth.response_probability(belief, action)[help_column]
@@ -263,8 +253,8 @@ for k, mode in enumerate(PUBLISHED.modes_from_letters("HHRRH")):
     belief = truth.update(belief, action)
 
 # %%
-show(
-    curves(
+wb.show(
+    wb.curves(
         {"exact": (list(exact), list(exact.values())), "counted": (list(counted), list(counted.values()))},
         xlabel="round k (only rounds in which the robot is stuck)",
         ylabel="help rate",
@@ -296,14 +286,14 @@ refused = 0.0
 helped_late = 0.5
 helped = 1.0
 """
-corridor = Protocol.from_dict(tomllib.loads(CORRIDOR), "corridor.toml")
+corridor = wb.Protocol.from_dict(tomllib.loads(CORRIDOR), "corridor.toml")
 print([mode.name for mode in corridor.modes_from_letters("SPD")])
 print("actions:", corridor.action_names, "- of which a response can show after:", corridor.emission_actions)
 
 # %%
 grumpy_or_kind = np.array([[0.6, 0.3, 0.1], [0.1, 0.3, 0.6]])
 sticky = np.array([[0.8, 0.2], [0.1, 0.9]])
-small = LatentStatePOMDP(
+small = wb.LatentStatePOMDP(
     initial=np.array([0.5, 0.5]),
     transition=np.stack([sticky] * corridor.n_actions),
     emission=np.stack([grumpy_or_kind] * len(corridor.emission_actions)),
@@ -322,15 +312,15 @@ for action, response in [("ask", "helped_late"), ("assist", None), ("give_way", 
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
-    write_model(small, Path(folder) / "model.json")
-    again = read_model(Path(folder) / "model.json")
+    wb.write_model(small, Path(folder) / "model.json")
+    again = wb.read_model(Path(folder) / "model.json")
 print("read back unchanged:", np.array_equal(again.transition, small.transition), again.protocol == corridor)
 
-content = model_to_dict(truth)
+content = wb.model_to_dict(truth)
 content["transition"]["help"][0][0] = 0.6
 try:
-    model_from_dict(content, "model.json")
-except InputError as error:
+    wb.model_from_dict(content, "model.json")
+except wb.InputError as error:
     print(error)
 
 # %% [markdown]

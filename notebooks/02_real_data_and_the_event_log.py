@@ -38,29 +38,17 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown, display
 
-from analysis.datasets import load
-from analysis.design import DATA_FOLDER
-from analysis.event_import import import_events
-from analysis.figures.curves import curves
-from analysis.figures.flow import still_going as plot_still_going
-from analysis.figures.notebook import panels, show
-from analysis.figures.responses import rate_by_round, rate_heat_map
-from analysis.notebooks import ABSENT
-from analysis.participant_flow import flow_table, still_going
-from analysis.response_rates import response_rates
-from analysis.simulate import simulate_study1
-from models.errors import InputError
-from models.events import EventLog, EventLogError
+import analysis.workbench as wb
 
 pd.set_option("display.max_colwidth", None)
 
 # %%
-study = load("simulated_study1")
+study = wb.load("simulated_study1")
 try:
-    real = load("frd2012")
-except InputError as error:
+    real = wb.load("frd2012")
+except wb.InputError as error:
     real = None
-    print(f"{ABSENT}: the cells on frd2012 are skipped. {error}")
+    print(f"{wb.ABSENT}: the cells on frd2012 are skipped. {error}")
 
 # %% [markdown]
 # ## One row, one event
@@ -112,8 +100,8 @@ broken.loc[2, "action"] = "signal" if broken.loc[2, "mode"] == "human_needs_help
 broken.loc[7, "k"] = 9
 broken.loc[11, "observation"] = "maybe"
 try:
-    EventLog.from_frame(broken, place="broken.csv")
-except EventLogError as error:
+    wb.EventLog.from_frame(broken, place="broken.csv")
+except wb.EventLogError as error:
     print(error)
     problems = pd.DataFrame(error.problems)
 problems
@@ -130,7 +118,7 @@ problems
 sizes = (540, 5_400, 54_000) if FAST else (540, 5_400, 54_000, 540_000)
 rows = []
 for people in sizes:
-    log = study.log if people == 540 else simulate_study1(participants=people, seed=SEED)
+    log = study.log if people == 540 else wb.simulate_study1(participants=people, seed=SEED)
     tree = log.tree()
     rows.append({"people": people, "events": log.n_events, "histories": tree.n_histories, "nodes": tree.n_nodes})
 compressed = pd.DataFrame(rows)
@@ -138,8 +126,8 @@ compressed
 
 # %%
 lines = {name: (compressed["people"], compressed[name]) for name in ("events", "nodes", "histories")}
-show(
-    curves(lines, xlabel="people", ylabel="how many", log_x=True, log_y=True),
+wb.show(
+    wb.curves(lines, xlabel="people", ylabel="how many", log_x=True, log_y=True),
     "simulated",
     "Events grow with the people, distinct histories and nodes of the prefix tree do not. Both axes are logarithmic.",
 )
@@ -171,17 +159,17 @@ words.str.replace("none", "·").value_counts().rename("people").to_frame()
 # %%
 log = study.log
 condition = np.array(log.conditions, dtype=object)[log.condition][log.run_of_event]
-rates = response_rates(log, {"condition": condition, "k": log.k})
-axes = panels(2.5, 2.5, 2.5, 2.5, height=2.7)
+rates = wb.response_rates(log, {"condition": condition, "k": log.k})
+axes = wb.panels(2.5, 2.5, 2.5, 2.5, height=2.7)
 for ax, (name, table) in zip(axes, rates.groupby("condition"), strict=True):
-    rate_by_round(table, measure="help rate", limits=(0, 1), title=name, last_round=4, ax=ax)
+    wb.rate_by_round(table, measure="help rate", limits=(0, 1), title=name, last_round=4, ax=ax)
     ax.label_outer()
-show(axes[0], study.card.kind, "Help rate by round and condition, with 95% intervals; at the foot, responses.")
+wb.show(axes[0], study.card.kind, "Help rate by round and condition, with 95% intervals; at the foot, responses.")
 
 # %%
-cells = response_rates(log, {"condition": condition, "schedule": log.schedules()[log.run_of_event]})
-show(
-    rate_heat_map(
+cells = wb.response_rates(log, {"condition": condition, "schedule": log.schedules()[log.run_of_event]})
+wb.show(
+    wb.rate_heat_map(
         cells, rows="condition", columns="schedule", limits=(0, 1),
         row_order=list(log.conditions), column_order=sorted(set(log.schedules())),
     ),
@@ -204,10 +192,10 @@ show(
 # %%
 if real is not None:
     part = real.log.select(conditions=[real.card.defaults["condition"]])
-    left, right = panels(4.6, 5.4, height=3.1)
-    rate_by_round(response_rates(part, {"k": part.k}), measure="help rate", limits=(0, 1), ax=left)
-    plot_still_going(still_going(part), ax=right)
-    show(
+    left, right = wb.panels(4.6, 5.4, height=3.1)
+    wb.rate_by_round(wb.response_rates(part, {"k": part.k}), measure="help rate", limits=(0, 1), ax=left)
+    wb.plot_still_going(wb.still_going(part), ax=right)
+    wb.show(
         left,
         real.card.kind,
         "Left: cooperation by round, with 95% intervals. Right: the share of runs that have that round.",
@@ -216,7 +204,7 @@ if real is not None:
 # %%
 if real is not None:
     real_condition = np.array(real.log.conditions, dtype=object)[real.log.condition][real.log.run_of_event]
-    display(response_rates(real.log, {"condition": real_condition}).round(3))
+    display(wb.response_rates(real.log, {"condition": real_condition}).round(3))
 
 # %% [markdown]
 # **How to read them.** Even rounds only: in odd ones the partner acts. Matches were ended at random by the experimenters,
@@ -230,11 +218,11 @@ if real is not None:
 # ## Participant flow
 
 # %%
-flow_table(study.log)
+wb.flow_table(study.log)
 
 # %%
 if real is not None:
-    display(flow_table(real.log).drop(columns="short_runs"))
+    display(wb.flow_table(real.log).drop(columns="short_runs"))
 
 # %% [markdown]
 # In the simulated study every run has five rounds and nothing is missing, which no real study manages. In the real data
@@ -254,7 +242,7 @@ EXPORT = """prolific_id,round,opportunity,help_arm,signal_arm,robot_helped,robot
 9c0d,1,R,no-help,signal,0,,,y
 9c0d,2,H,no-help,signal,,1,0,y
 """
-COLUMN_MAP = DATA_FOLDER / "maps" / "osf_study1_example.toml"
+COLUMN_MAP = wb.DATA_FOLDER / "maps" / "osf_study1_example.toml"
 
 
 def imported_from(text):
@@ -262,7 +250,7 @@ def imported_from(text):
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         Path("export.csv").write_text(text, encoding="utf-8")
         Path("map.toml").write_text(COLUMN_MAP.read_text(encoding="utf-8"), encoding="utf-8")
-        return import_events("export.csv", "map.toml")
+        return wb.import_events("export.csv", "map.toml")
 
 
 # %%
@@ -277,7 +265,7 @@ imported.log.to_frame()
 # %%
 try:
     imported_from(EXPORT.replace("9c0d,2,H", "9c0d,2,X"))
-except EventLogError as error:
+except wb.EventLogError as error:
     print(error)
 
 # %% [markdown]

@@ -35,32 +35,12 @@ import numpy as np
 import pandas as pd
 import pymc as pm
 
-from analysis.causal import causal_effects, expected_responses, with_action
-from analysis.datasets import load, log_digest
-from analysis.figures.chain_ranks import chain_ranks
-from analysis.figures.checks import predictive_checks
-from analysis.figures.contraction import contraction_dots
-from analysis.figures.effects import contrast_by_state, effect_by_round
-from analysis.figures.notebook import panels, show
-from analysis.fits import stored_fit
-from analysis.kappa_sensitivity import kappa_sensitivity, refits
-from analysis.notebooks import ABSENT
-from analysis.people import people_study, spread_sentence
-from analysis.predictive_checks import posterior_checks, prior_predictive, prior_sentence
-from analysis.simulate import calibrated_truth
-from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
-from models.bayesian_hmm import build_model
-from models.edited_model import fit_model
-from models.errors import InputError
-from models.model_draws import ModelDraws
-from models.nuts import NutsSettings
-from models.person_offset import PersonOffset
-from models.protocol import PUBLISHED
+import analysis.workbench as wb
 
 # %%
-data = load("simulated_study1")
-log, digest = data.log, log_digest(data.log)
-sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(1000, 1000, 4, SEED)
+data = wb.load("simulated_study1")
+log, digest = data.log, wb.log_digest(data.log)
+sampler = wb.NutsSettings(200, 200, 2, SEED) if FAST else wb.NutsSettings(1000, 1000, 4, SEED)
 log
 
 # %% [markdown]
@@ -70,7 +50,7 @@ log
 # kernel, with its exact gradient. Everything about it can be read and changed.
 
 # %%
-model = build_model(log, 2)
+model = wb.build_model(log, 2)
 for variable in model.free_RVs:
     print(variable.name, variable.owner.op.__class__.__name__, model.named_vars_to_dims[variable.name])
 
@@ -80,11 +60,11 @@ for variable in model.free_RVs:
 
 # %%
 with model:
-    chance = model["help_probability"][PUBLISHED.emission_actions.index("signal")]
+    chance = model["help_probability"][wb.PUBLISHED.emission_actions.index("signal")]
     pm.Potential("conviction", pm.logp(pm.Beta.dist(19, 3), chance).sum())
     point = model.initial_point(SEED)
     print("log density at one point, with the conviction:", round(float(model.compile_logp()(point)), 2))
-print("without it:", round(float(build_model(log, 2).compile_logp()(point)), 2))
+print("without it:", round(float(wb.build_model(log, 2).compile_logp()(point)), 2))
 
 # %% [markdown]
 # The edited prior still treats all states alike, so its draws may be put into canonical order; `fit_model` samples the
@@ -92,7 +72,7 @@ print("without it:", round(float(build_model(log, 2).compile_logp()(point)), 2))
 # (another term for s0 than for s1) is refused there: its labels are the prior's own.
 
 # %%
-edited_fit = fit_model(model, log, 2, sampler=replace(sampler, chains=2))
+edited_fit = wb.fit_model(model, log, 2, sampler=replace(sampler, chains=2))
 print(edited_fit.gate.sentence)
 
 # %% [markdown]
@@ -102,7 +82,7 @@ print(edited_fit.gate.sentence)
 # ## Fit, and look at the gate before anything else
 
 # %%
-fits = {k: stored_fit(log, digest, k, sampler=sampler).posterior for k in (2, 3, 4)}
+fits = {k: wb.stored_fit(log, digest, k, sampler=sampler).posterior for k in (2, 3, 4)}
 for k, fit in fits.items():
     print(f"{k} states: {fit.gate.sentence}")
 
@@ -122,11 +102,11 @@ pd.DataFrame(
 # here it can be read.
 
 # %%
-axes = panels(3.0, 3.0, 3.0, height=2.5)
+axes = wb.panels(3.0, 3.0, 3.0, height=2.5)
 for ax, (k, fit) in zip(axes, fits.items(), strict=True):
     entry = f"transition[help,s0,s{k - 1}]"
-    chain_ranks(fit.flat()[:, :, fit.entry_names.index(entry)], title=f"{k} states: {entry}", ax=ax)
-show(axes[0], "simulated", "Ranks of each chain's draws among all draws; flat means that the chains agree.")
+    wb.chain_ranks(fit.flat()[:, :, fit.entry_names.index(entry)], title=f"{k} states: {entry}", ax=ax)
+wb.show(axes[0], "simulated", "Ranks of each chain's draws among all draws; flat means that the chains agree.")
 
 # %% [markdown]
 # **How to read it.** No divergences, r-hat below 1.01 and more than 400 effective draws of *every* entry and of
@@ -144,7 +124,7 @@ show(axes[0], "simulated", "Ranks of each chain's draws among all draws; flat me
 
 # %%
 for group in ("prior", "posterior"):
-    helps = fits[4].table("emission", group)[..., PUBLISHED.response_names.index("help")]
+    helps = fits[4].table("emission", group)[..., wb.PUBLISHED.response_names.index("help")]
     weights = fits[4].emission_weights / fits[4].emission_weights.sum()
     print(f"{group}: mean help rate of the sorted states", np.round((helps * weights[:, None]).sum(1).mean(0), 2))
 
@@ -154,12 +134,12 @@ for group in ("prior", "posterior"):
 # $1 - \mathrm{var}(\text{posterior}) / \mathrm{var}(\text{prior})$ for every entry; the prior is sorted the same way.
 
 # %%
-axes = panels(4.2, 4.2, 4.2, height=3.2)
+axes = wb.panels(4.2, 4.2, 4.2, height=3.2)
 for ax, (k, fit) in zip(axes, fits.items(), strict=True):
-    found = contraction(fit)
-    contraction_dots(found.table, known=KNOWN, partly=PARTLY, title=f"{k} states", ax=ax)
+    found = wb.contraction(fit)
+    wb.contraction_dots(found.table, known=wb.KNOWN, partly=wb.PARTLY, title=f"{k} states", ax=ax)
     print(found.sentence)
-show(axes[0], "simulated", "One dot an entry, the bar its table's median. Grey: the prior; green: the data.")
+wb.show(axes[0], "simulated", "One dot an entry, the bar its table's median. Grey: the prior; green: the data.")
 
 # %% [markdown]
 # **How to read it.** With 2 states 540 people determine the tables. With the paper's 4 the transition tables *are the
@@ -171,13 +151,15 @@ show(axes[0], "simulated", "One dot an entry, the bar its table's median. Grey: 
 # Instead of single entries: by how much does one act of help change the expected help rate of the next round?
 
 # %%
-axes = panels(4.6, 4.6, height=3.2)
+axes = wb.panels(4.6, 4.6, height=3.2)
 for ax, k in zip(axes, (2, 4), strict=True):
-    found = contrasts(fits[k])
+    found = wb.contrasts(fits[k])
     rows = found.table[found.table["action"] == "help"]
-    contrast_by_state(rows, scale=found.scale, unit=found.unit, title=f"{k} states", limits=(-20, 50), ax=ax)
+    wb.contrast_by_state(rows, scale=found.scale, unit=found.unit, title=f"{k} states", limits=(-20, 50), ax=ax)
     print(f"{k} states: {found.sentence_of('help')}")
-show(axes[0], "simulated", "One act of help instead of none, by state before. Grey the prior, blue the posterior.")
+wb.show(
+    axes[0], "simulated", "One act of help instead of none, by state before. Grey the prior, blue the posterior."
+)
 
 # %% [markdown]
 # **How to read it.** State by state the 4-state model hardly knows more than its prior, except at the bottom. Averaged
@@ -190,14 +172,14 @@ show(axes[0], "simulated", "One act of help instead of none, by state before. Gr
 # difference of the arms answers the same question without a model.
 
 # %%
-effects = {k: causal_effects(fit, log, kind=data.card.kind) for k, fit in fits.items()}
-axes = panels(4.4, 4.4, height=3.3)
+effects = {k: wb.causal_effects(fit, log, kind=data.card.kind) for k, fit in fits.items()}
+axes = wb.panels(4.4, 4.4, height=3.3)
 for ax, action in zip(axes, ("help", "signal"), strict=True):
     found = effects[4]
-    effect_by_round(
+    wb.effect_by_round(
         found.of(action), scale=found.scale, unit=found.unit, title=action, limits=(-15, 35), ax=ax,
     )  # fmt: skip
-show(axes[0], "simulated", "Always against never, by round, 4 states, beside the raw difference of the arms.")
+wb.show(axes[0], "simulated", "Always against never, by round, 4 states, beside the raw difference of the arms.")
 
 # %%
 names, figures = ["mean", "low", "high"], {}
@@ -213,10 +195,12 @@ pd.DataFrame(figures).T.rename_axis(["action", "states"]).sort_index().round(1)
 # And the truth, which only simulated data have: the same contrast under the tables that the data were drawn from.
 
 # %%
-truth = ModelDraws.from_models([calibrated_truth()])
+truth = wb.ModelDraws.from_models([wb.calibrated_truth()])
 choices = (("human_needs_help", "no_help", "help"), ("robot_needs_help", "no_signal", "signal"))
 for mode, null, act in choices:
-    (never, runs), (always, _) = (expected_responses(truth, log, with_action(log, mode, a)) for a in (null, act))
+    (never, runs), (always, _) = (
+        wb.expected_responses(truth, log, wb.with_action(log, mode, a)) for a in (null, act)
+    )
     print(
         f"true effect of always '{act}': {100 * ((always - never)[0] @ runs / runs.sum()):+.1f} percentage points"
     )
@@ -244,14 +228,14 @@ print(effects[4].sentence_of("help"))
 # ## Does it depend on $\kappa$?
 
 # %%
-few = NutsSettings(200, 200, 2, SEED) if FAST else sampler
-sensitivity = kappa_sensitivity(refits(log, digest, 4, sampler=few), log)
+few = wb.NutsSettings(200, 200, 2, SEED) if FAST else sampler
+sensitivity = wb.kappa_sensitivity(wb.refits(log, digest, 4, sampler=few), log)
 print(sensitivity.sentence)
 sensitivity.table.drop(columns="positive").round(1).set_index(["quantity", "kappa"])
 
 # %%
-before = prior_predictive(log, 4, draws=100 if FAST else 400, seed=SEED)
-print(prior_sentence(before))
+before = wb.prior_predictive(log, 4, draws=100 if FAST else 400, seed=SEED)
+print(wb.prior_sentence(before))
 
 # %% [markdown]
 # **How to read it.** Before the data (last two columns) $\kappa$ matters for one act: the stickier, the less an action
@@ -267,9 +251,9 @@ print(prior_sentence(before))
 # aim at.
 
 # %%
-checks = {k: posterior_checks(fits[k], log, draws=100 if FAST else 400, seed=SEED) for k in (2, 4)}
-show(
-    predictive_checks(checks[2].table, title="2 states"),
+checks = {k: wb.posterior_checks(fits[k], log, draws=100 if FAST else 400, seed=SEED) for k in (2, 4)}
+wb.show(
+    wb.predictive_checks(checks[2].table, title="2 states"),
     "simulated",
     "Observed values (diamonds, filled where outside) among simulated studies (bars: 90%).",
 )
@@ -287,23 +271,27 @@ for k, found in checks.items():
 
 # %%
 try:
-    real = load("frd2012")
-except InputError as failure:
+    real = wb.load("frd2012")
+except wb.InputError as failure:
     real = None
-    print(f"{ABSENT}: the cells on frd2012 are skipped. {failure}")
+    print(f"{wb.ABSENT}: the cells on frd2012 are skipped. {failure}")
 
 # %%
 if real is not None:
     part = real.log.select(conditions=[real.card.defaults["condition"]])
-    people = stored_fit(part, log_digest(part), 3 if not FAST else 2, pins={"no_signal": None}, sampler=sampler)
+    people = wb.stored_fit(
+        part, wb.log_digest(part), 3 if not FAST else 2, pins={"no_signal": None}, sampler=sampler
+    )
     print(people.posterior.gate.sentence)
-    print(contraction(people.posterior).sentence)
-    print(causal_effects(people.posterior, part, kind=real.card.kind).sentence_of("help"))
+    print(wb.contraction(people.posterior).sentence)
+    print(wb.causal_effects(people.posterior, part, kind=real.card.kind).sentence_of("help"))
 
 # %%
 if real is not None:
-    failed = posterior_checks(people.posterior, part, draws=100 if FAST else 400, seed=SEED)
-    show(predictive_checks(failed.table), real.card.kind, "Observed values among studies simulated from the fit.")
+    failed = wb.posterior_checks(people.posterior, part, draws=100 if FAST else 400, seed=SEED)
+    wb.show(
+        wb.predictive_checks(failed.table), real.card.kind, "Observed values among studies simulated from the fit."
+    )
     print(failed.sentence)
 
 # %% [markdown]
@@ -324,16 +312,16 @@ if real is not None:
 # With one state nothing else is left: a random-intercept logistic model. First the bundled study, then real people.
 
 # %%
-offset = PersonOffset()
+offset = wb.PersonOffset()
 
 
 def learn(k, who):
-    return stored_fit(log, digest, k, people=who, sampler=sampler).posterior
+    return wb.stored_fit(log, digest, k, people=who, sampler=sampler).posterior
 
 
-found = people_study(log, (1,) if FAST else (1, 2), learn, draws=100 if FAST else 400, seed=SEED)
+found = wb.people_study(log, (1,) if FAST else (1, 2), learn, draws=100 if FAST else 400, seed=SEED)
 print(found.sentence, *found.warnings, sep="\n")
-print(spread_sentence(found.pairs[-1].hierarchical))
+print(wb.spread_sentence(found.pairs[-1].hierarchical))
 
 # %% [markdown]
 # **How to read it.** Against one state, people who differ win easily; beside a second state they add nothing to
@@ -343,13 +331,13 @@ print(spread_sentence(found.pairs[-1].hierarchical))
 
 # %%
 if real is not None and not FAST:
-    wide = PersonOffset(scale=4.0, nodes=61)
-    settled = stored_fit(
-        part, log_digest(part), 1, pins={"no_signal": None}, people=wide, sampler=sampler
+    wide = wb.PersonOffset(scale=4.0, nodes=61)
+    settled = wb.stored_fit(
+        part, wb.log_digest(part), 1, pins={"no_signal": None}, people=wide, sampler=sampler
     ).posterior
-    print(settled.gate.sentence, spread_sentence(settled), sep="\n")
-    differ = posterior_checks(settled, part, draws=400, seed=SEED)
-    show(predictive_checks(differ.table), real.card.kind, "The same checks, people differing and one state.")
+    print(settled.gate.sentence, wb.spread_sentence(settled), sep="\n")
+    differ = wb.posterior_checks(settled, part, draws=400, seed=SEED)
+    wb.show(wb.predictive_checks(differ.table), real.card.kind, "The same checks, people differing and one state.")
     print(differ.sentence)
 
 # %% [markdown]

@@ -35,58 +35,14 @@ SEED = 1
 import numpy as np
 import pandas as pd
 
-from analysis.anova import mixed_anova
-from analysis.anova_logistic import logistic_twin
-from analysis.datasets import load, log_digest
-from analysis.design import published, study1_design
-from analysis.evidence import read_evidence
-from analysis.figures.comparisons import cell_means, compared_groups
-from analysis.figures.coverage import coverage_by_parameter
-from analysis.figures.curves import curves
-from analysis.figures.notebook import panels, show
-from analysis.figures.odds import odds_forest, rates_beside, residual_classes
-from analysis.figures.power import power_by_people
-from analysis.figures.quadrature import rules_near_ceiling
-from analysis.figures.signal_by_state import signal_effects
-from analysis.fits import stored_fit
-from analysis.mixed_model_groups import group_table, influence_of
-from analysis.notebooks import ABSENT
-from analysis.posthoc import PersonValues, dunnett, tukey
-from analysis.power_contraction import ALL_MOVES, ContractionPower, contraction_power, schedules_design
-from analysis.power_curves import reached
-from analysis.power_formulas import FTestDesign, curve_people, power_curve, sample_size
-from analysis.power_printed import printed_sizes
-from analysis.power_simulation import (
-    STUDY1_SD,
-    STUDY1_TRUTH,
-    TEST_NAMES,
-    MixedModelPower,
-    mixed_model_power,
-    study1_rows,
-)
-from analysis.printed_anova import anova_consistency, printed_anova
-from analysis.printed_regression import READING, STATE_CLAIM, consistency
-from analysis.quadrature_study import quadrature_study
-from analysis.regression import regress
-from analysis.regression_checks import by_condition, residuals
-from analysis.regression_readings import readings
-from analysis.regression_sources import LAPLACE, QUADRATURE, long_form, of_fit, of_print, side_by_side
-from analysis.regression_words import interaction_sentence, odds_sentence, rules_sentence
-from analysis.repeated_measures import RepeatedMeasures
-from analysis.signal_by_state import NEXT, SAME, signal_by_state
-from analysis.simulate import calibrated_truth
-from models.errors import InputError
-from models.glmm import LogisticMixedModel
-from models.glmm_marginal import mean_probability
-from models.glmm_nodes import node_table
-from models.nuts import NutsSettings
+import analysis.workbench as wb
 
 # %% [markdown]
 # ## The regression of study 1
 
 # %%
-data = load("simulated_study1")
-study = regress(data.log)
+data = wb.load("simulated_study1")
+study = wb.regress(data.log)
 print(study.main.summary())
 
 # %% [markdown]
@@ -106,7 +62,7 @@ study.tests.round(4)
 # are here. And of the interaction:
 
 # %%
-print(interaction_sentence(study))
+print(wb.interaction_sentence(study))
 
 # %% [markdown]
 # ## Odds are not likelihood
@@ -118,20 +74,20 @@ print(interaction_sentence(study))
 
 # %%
 for term in study.terms:
-    print(odds_sentence(study, term))
+    print(wb.odds_sentence(study, term))
 
 # %%
 grid = np.linspace(0, 5, 60)
 
 
 def over_people(intercept, sd):
-    low, high = (mean_probability(np.array([eta]), sd)[0] for eta in (intercept, intercept + np.log(10.42)))
+    low, high = (wb.mean_probability(np.array([eta]), sd)[0] for eta in (intercept, intercept + np.log(10.42)))
     return high / (1 - high) * (1 - low) / low
 
 
 lines = {f"intercept {b:g}": (grid, [over_people(b, sd) for sd in grid]) for b in (0.0, 1.5, 3.0)}
-ax = curves(lines, xlabel="standard deviation of people's intercepts", ylabel="odds ratio over people")
-show(ax, "definition", "What an odds ratio of 10.42 for one person is over people, by how much people differ.")
+ax = wb.curves(lines, xlabel="standard deviation of people's intercepts", ylabel="odds ratio over people")
+wb.show(ax, "definition", "What an odds ratio of 10.42 for one person is over people, by how much people differ.")
 
 # %% [markdown]
 # **How to read it.** Where nobody differs ($\sigma = 0$) the two are the same. At a spread of 2 or 3, an odds ratio of ten
@@ -145,11 +101,11 @@ show(ax, "definition", "What an odds ratio of 10.42 for one person is over peopl
 # whom always help, that is not good enough. The same data under more and more nodes of adaptive Gauss-Hermite quadrature:
 
 # %%
-node_table(study.main).round(3)
+wb.node_table(study.main).round(3)
 
 # %%
-laplace = regress(data.log, "laplace")
-print(rules_sentence(study, laplace))
+laplace = wb.regress(data.log, "laplace")
+print(wb.rules_sentence(study, laplace))
 for note in laplace.main.notes:
     print(f"{note.category.__name__}: {note.text}")
 
@@ -159,12 +115,12 @@ for note in laplace.main.notes:
 # studies from known truths with a rising share of people who always help:
 
 # %%
-ceiling = quadrature_study((0.0, 1.0, 2.0, 2.5, 3.0, 3.5), replicates=20 if FAST else 200, seed=SEED)
-axes, ratio = panels(4.4, 4.4, height=3.1), float(np.exp(ceiling.effect))
+ceiling = wb.quadrature_study((0.0, 1.0, 2.0, 2.5, 3.0, 3.5), replicates=20 if FAST else 200, seed=SEED)
+axes, ratio = wb.panels(4.4, 4.4, height=3.1), float(np.exp(ceiling.effect))
 words = [f"estimated {what}" for what in ("standard deviation", "odds ratio")]
-rules_near_ceiling(ceiling.summary, "sd", truth=ceiling.sd, ylabel=words[0], ax=axes[0])
-rules_near_ceiling(ceiling.summary, "odds_ratio", truth=ratio, ylabel=words[1], legend=False, ax=axes[1])
-show(
+wb.rules_near_ceiling(ceiling.summary, "sd", truth=ceiling.sd, ylabel=words[0], ax=axes[0])
+wb.rules_near_ceiling(ceiling.summary, "odds_ratio", truth=ratio, ylabel=words[1], legend=False, ax=axes[1])
+wb.show(
     axes[0], "simulated",
     f"{ceiling.people} people with {ceiling.responses} responses each, both fits of every study. Median; bars hold half "
     "of the studies.",
@@ -184,14 +140,14 @@ print(ceiling.sentence)
 # parameter. That is stored evidence (`prosocial coverage` makes it anew):
 
 # %%
-stored = read_evidence("mixed_model")
+stored = wb.read_evidence("mixed_model")
 print(stored.provenance)
 found = pd.DataFrame(stored.content["table"])
-axes = panels(4.4, 4.4, height=3.4)
+axes = wb.panels(4.4, 4.4, height=3.4)
 for ax, rate in zip(axes, stored.content["rates"], strict=True):
     own, title = found[found["intercept"] == rate["intercept"]], f"{rate['rate']:.0%} of responses are helping"
-    coverage_by_parameter(own, 0.95, title=title, legend=ax is axes[-1], ax=ax)
-show(
+    wb.coverage_by_parameter(own, 0.95, title=title, legend=ax is axes[-1], ax=ax)
+wb.show(
     axes[0], "simulated", "Share of 500 studies whose interval holds the truth; the band is where exact intervals lie.",
 )  # fmt: skip
 print(stored.sentence)
@@ -227,7 +183,7 @@ pd.DataFrame(
 # %%
 frame = study.table.frame
 few = frame[frame["participant"] <= 60]
-small = LogisticMixedModel.from_formula(study.table.formula(study.table.main), few).fit(warn=False)
+small = wb.LogisticMixedModel.from_formula(study.table.formula(study.table.main), few).fit(warn=False)
 rows = {}
 for kind in ("wald", "profile"):
     low, high = np.asarray(small.conf_int(method=kind)).T
@@ -245,13 +201,13 @@ pd.DataFrame({"estimate": small.params, **rows}).round(2)
 # `prosocial glmm simulated_study1 --groups people.csv` writes this table.
 
 # %%
-table = group_table(study.main)
+table = wb.group_table(study.main)
 table.drop_duplicates("successes").sort_values("successes")[
     ["successes", "mode", "mean", "sd", "lower", "upper", "cook"]
 ].round(3)
 
 # %%
-print(influence_of(study.main)["text"])
+print(wb.influence_of(study.main)["text"])
 
 # %% [markdown]
 # **How to read it.** One person for each number of helping responses. Whoever helped three times of three has an interval
@@ -264,7 +220,7 @@ print(influence_of(study.main)["text"])
 # %%
 always = few.assign(help=np.where(few["robot_help"] == 1, 1, few["help"]))
 for note in (
-    LogisticMixedModel.from_formula("help ~ signal + robot_help + (1|participant)", always).fit(warn=False).notes
+    wb.LogisticMixedModel.from_formula("help ~ signal + robot_help + (1|participant)", always).fit(warn=False).notes
 ):
     print(f"{note.category.__name__}: {note.text}")
 
@@ -274,15 +230,15 @@ for note in (
 # The people here are simulated and are not the paper's; the column of printed numbers is for orientation.
 
 # %%
-sources = [of_print(published()), of_fit(LAPLACE, laplace), of_fit(QUADRATURE, study)]
-side_by_side(sources, study).set_index("quantity")
+sources = [wb.of_print(wb.published()), wb.of_fit(wb.LAPLACE, laplace), wb.of_fit(wb.QUADRATURE, study)]
+wb.side_by_side(sources, study).set_index("quantity")
 
 # %%
-ax = odds_forest(long_form(sources[1:]), sources=[LAPLACE, QUADRATURE])
-show(ax, "simulated", "Odds ratios for one person with 95% Wald intervals under both rules.")
-for text in consistency(published()):
+ax = wb.odds_forest(wb.long_form(sources[1:]), sources=[wb.LAPLACE, wb.QUADRATURE])
+wb.show(ax, "simulated", "Odds ratios for one person with 95% Wald intervals under both rules.")
+for text in wb.consistency(wb.published()):
     print(text)
-print("\nThe paper:", READING)
+print("\nThe paper:", wb.READING)
 
 # %% [markdown]
 # **How to read it.** The printed interval and the printed z belong to slightly different standard errors, and the printed
@@ -292,11 +248,11 @@ print("\nThe paper:", READING)
 # ## Does the regression describe the data?
 
 # %%
-checked = residuals(study, data.log, SEED)
-axes = panels(4.6, 4.6, height=3.4)
-rates_beside(by_condition(study, data.log), measure="help rate", ax=axes[0])
-residual_classes(checked.by, limit=checked.limit, ax=axes[1])
-show(
+checked = wb.residuals(study, data.log, SEED)
+axes = wb.panels(4.6, 4.6, height=3.4)
+wb.rates_beside(wb.by_condition(study, data.log), measure="help rate", ax=axes[0])
+wb.residual_classes(checked.by, limit=checked.limit, ax=axes[1])
+wb.show(
     axes[0], "simulated", "Rates by condition beside the model's; mean residuals by round, condition and schedule."
 )
 print(checked.sentence)
@@ -309,22 +265,22 @@ print(checked.sentence)
 
 # %%
 try:
-    real = load("frd2012")
-except InputError as failure:
+    real = wb.load("frd2012")
+except wb.InputError as failure:
     real = None
-    print(f"{ABSENT}: the cells on frd2012 are skipped. {failure}")
+    print(f"{wb.ABSENT}: the cells on frd2012 are skipped. {failure}")
 
 # %%
 if real is not None:
     part = real.log.select(conditions=[real.card.defaults["condition"]])
-    people = regress(part)
-    found = residuals(people, part, SEED)
-    show(
-        residual_classes(found.by, limit=found.limit), real.card.kind,
+    people = wb.regress(part)
+    found = wb.residuals(people, part, SEED)
+    wb.show(
+        wb.residual_classes(found.by, limit=found.limit), real.card.kind,
         "The same check on people: the regression misses how cooperation changes over rounds.",
     )  # fmt: skip
     print(found.sentence)
-    print(rules_sentence(people, regress(part, "laplace")))
+    print(wb.rules_sentence(people, wb.regress(part, "laplace")))
 
 # %% [markdown]
 # **How to read it.** First rounds lie far above what the model says, later ones below: people change, and a fixed
@@ -335,7 +291,7 @@ if real is not None:
 # ## Other readings of the formula
 
 # %%
-other = readings(study, 25)
+other = wb.readings(study, 25)
 for term in study.terms:
     print(other.sentence_of(term))
 
@@ -345,7 +301,7 @@ for term in study.terms:
 # Of signalling the paper says:
 
 # %%
-print(STATE_CLAIM)
+print(wb.STATE_CLAIM)
 
 # %% [markdown]
 # That can be tested, not only said. A hidden Markov model gives the effect of a signal *by state*: on the response in the
@@ -353,18 +309,20 @@ print(STATE_CLAIM)
 # next. The regression has one number for everybody.
 
 # %%
-sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(1000, 1000, 4, SEED)
-digest = log_digest(data.log)
-fits = {k: stored_fit(data.log, digest, k, sampler=sampler).posterior for k in (2, 4)}
-effects = {k: signal_by_state(fit, "signal", study.marginal["signal"]) for k, fit in fits.items()}
+sampler = wb.NutsSettings(200, 200, 2, SEED) if FAST else wb.NutsSettings(1000, 1000, 4, SEED)
+digest = wb.log_digest(data.log)
+fits = {k: wb.stored_fit(data.log, digest, k, sampler=sampler).posterior for k in (2, 4)}
+effects = {k: wb.signal_by_state(fit, "signal", study.marginal["signal"]) for k, fit in fits.items()}
 
 # %%
-axes, table = panels(4.4, 4.4, height=3.2), effects[4].table
+axes, table = wb.panels(4.4, 4.4, height=3.2), effects[4].table
 look = {"regression": effects[4].regression.difference, "limits": (-45, 45)}
-for ax, quantity in zip(axes, (SAME, NEXT), strict=True):
+for ax, quantity in zip(axes, (wb.SAME, wb.NEXT), strict=True):
     rows = table[table["quantity"] == quantity]
-    signal_effects(rows, title=f"response in the {quantity}", legend=quantity == SAME, ax=ax, **look)
-show(axes[0], "simulated", "Effect of a signal by state at 4 states (90%), and the regression's one number (95%).")
+    wb.signal_effects(rows, title=f"response in the {quantity}", legend=quantity == wb.SAME, ax=ax, **look)
+wb.show(
+    axes[0], "simulated", "Effect of a signal by state at 4 states (90%), and the regression's one number (95%)."
+)
 for found in effects.values():
     print(found.sentence)
 
@@ -379,8 +337,8 @@ for found in effects.values():
 # the printed F.
 
 # %%
-printed = printed_anova(published())
-print(anova_consistency(printed))
+printed = wb.printed_anova(wb.published())
+print(wb.anova_consistency(printed))
 printed.drop(columns="agrees").round(4)
 
 # %% [markdown]
@@ -399,20 +357,20 @@ rows = rows.melt(["id", "policy"], var_name="time", value_name="performance")
 
 # %%
 names = {"between": "policy", "within": "time", "subject": "id", "times": ("first", "last")}
-measures = RepeatedMeasures.from_frame(rows, dv="performance", **names)
-tested, people = mixed_anova(measures), PersonValues.at(measures)
+measures = wb.RepeatedMeasures.from_frame(rows, dv="performance", **names)
+tested, people = wb.mixed_anova(measures), wb.PersonValues.at(measures)
 print(tested.sentence)
-show(
-    cell_means(tested.cells, xlabel="time", ylabel="performance (made up)"), "simulated",
+wb.show(
+    wb.cell_means(tested.cells, xlabel="time", ylabel="performance (made up)"), "simulated",
     "Means with 95% intervals. Two policies rise more than the others: an interaction.",
 )  # fmt: skip
 
 # %%
-pairs, versus = tukey(people), dunnett(people, "ls-POMDP")
-axes = panels(4.4, 4.4, height=3.4)
-compared_groups(pairs, xlabel="performance", ax=axes[0])
-compared_groups(versus, xlabel="performance", ax=axes[1])
-show(axes[0], "simulated", "All ten pairs by Tukey; the four comparisons with ls-POMDP by Dunnett.")
+pairs, versus = wb.tukey(people), wb.dunnett(people, "ls-POMDP")
+axes = wb.panels(4.4, 4.4, height=3.4)
+wb.compared_groups(pairs, xlabel="performance", ax=axes[0])
+wb.compared_groups(versus, xlabel="performance", ax=axes[1])
+wb.show(axes[0], "simulated", "All ten pairs by Tukey; the four comparisons with ls-POMDP by Dunnett.")
 print(pairs.sentence)
 print(versus.sentence)
 
@@ -429,10 +387,10 @@ print(versus.sentence)
 # %%
 chance = 1 / (1 + np.exp(-(0.5 + 0.25 * (rows["performance"] - 65))))
 helped = rows.assign(help=(rng.random(len(rows)) < chance).astype(int))
-twin = RepeatedMeasures.from_frame(helped, dv="help", **names)
-print(mixed_anova(twin).sentence)
+twin = wb.RepeatedMeasures.from_frame(helped, dv="help", **names)
+print(wb.mixed_anova(twin).sentence)
 for ss_type in (3, 2):
-    beside = logistic_twin(twin, ss_type)
+    beside = wb.logistic_twin(twin, ss_type)
     print(f"\n{beside.title}, sd {beside.sd:.2f}:")
     print(beside.table.round(4).to_string(index=False))
     print(*beside.notes, sep="\n")
@@ -444,18 +402,18 @@ for ss_type in (3, 2):
 # printed, and neither is the correlation between two measurements of a person, on which the number hangs:
 
 # %%
-sizes = printed_sizes()
+sizes = wb.printed_sizes()
 print(sizes.sentence)
 
 # %%
-axes = panels(5.0, 5.0, height=4.4)
+axes = wb.panels(5.0, 5.0, height=4.4)
 for ax, (name, part) in zip(axes, sizes.curves().groupby("study", sort=False), strict=True):
     own = sizes.table[sizes.table["study"] == name]
-    power_by_people(
+    wb.power_by_people(
         {test: rows.rename(columns={"power": "value"}) for test, rows in part.groupby("test", sort=False)}, 0.95,
         reached=dict(zip(own["test"], own["n"], strict=True)), printed=own["printed"].iloc[0], title=name, ax=ax,
     )  # fmt: skip
-show(
+wb.show(
     axes[0],
     "definition",
     "Power of the tests each study could have meant, f = .25; the star is the printed number.",
@@ -466,14 +424,14 @@ show(
 # interaction of five policies and two times:
 
 # %%
-designs = [FTestDesign("interaction", 5, times=2, rho=rho) for rho in (0.2, 0.43, 0.6, 0.8)]
+designs = [wb.FTestDesign("interaction", 5, times=2, rho=rho) for rho in (0.2, 0.43, 0.6, 0.8)]
 lines = {
-    f"rho = {d.rho:g}": pd.DataFrame({"people": (at := curve_people(d, 110)), "value": power_curve(d, at)})
+    f"rho = {d.rho:g}": pd.DataFrame({"people": (at := wb.curve_people(d, 110)), "value": wb.power_curve(d, at)})
     for d in designs
 }
-needed = {f"rho = {d.rho:g}": float(sample_size(d)) for d in designs}
-ax = power_by_people(lines, 0.95, reached=needed, printed=90)
-show(
+needed = {f"rho = {d.rho:g}": float(wb.sample_size(d)) for d in designs}
+ax = wb.power_by_people(lines, 0.95, reached=needed, printed=90)
+wb.show(
     ax,
     "definition",
     "Interaction 5 x 2 at four correlations. The printed 90 people are what the formula asks for at rho = .43.",
@@ -492,29 +450,39 @@ show(
 # %%
 sizes_of = {"signal": (100, 200, 400, 800, 1600), "robot_help": (20, 40, 80, 160)}
 simulated = {
-    term: mixed_model_power(
-        MixedModelPower(study1_rows(), STUDY1_TRUTH, STUDY1_SD, (term,), at, 40 if FAST else 300, seed=SEED)
+    term: wb.mixed_model_power(
+        wb.MixedModelPower(
+            wb.study1_rows(), wb.STUDY1_TRUTH, wb.STUDY1_SD, (term,), at, 40 if FAST else 300, seed=SEED
+        )
     )
     for term, at in sizes_of.items()
 }
 
 # %%
-axes = panels(4.4, 4.4, height=3.2)
+axes = wb.panels(4.4, 4.4, height=3.2)
 for ax, (term, found) in zip(axes, simulated.items(), strict=True):
     tests = found.table.rename(columns={"power": "value"}).groupby("test", sort=False)
-    lines = {TEST_NAMES[test]: part for test, part in tests}
+    lines = {wb.TEST_NAMES[test]: part for test, part in tests}
     curves_at = {name: part[["people", "value", "low", "high"]].to_numpy().T for name, part in lines.items()}
-    needed = {name: reached(*at, 0.8).n for name, at in curves_at.items()}
-    power_by_people(lines, 0.8, reached=needed, title=f"{term}: odds ratio {np.exp(STUDY1_TRUTH[term]):.2f}", ax=ax)
-show(axes[0], "simulated", "Share of simulated studies with p < .05, with its 95% interval; 80% wanted.")
+    needed = {name: wb.reached(*at, 0.8).n for name, at in curves_at.items()}
+    wb.power_by_people(
+        lines, 0.8, reached=needed, title=f"{term}: odds ratio {np.exp(wb.STUDY1_TRUTH[term]):.2f}", ax=ax
+    )
+wb.show(axes[0], "simulated", "Share of simulated studies with p < .05, with its 95% interval; 80% wanted.")
 for found in simulated.values():
     print(found.sentence(0.8))
 
 # %%
-null = MixedModelPower(
-    study1_rows(), STUDY1_TRUTH | {"signal": 0.0}, STUDY1_SD, ("signal",), (540,), 100 if FAST else 1000, seed=SEED
+null = wb.MixedModelPower(
+    wb.study1_rows(),
+    wb.STUDY1_TRUTH | {"signal": 0.0},
+    wb.STUDY1_SD,
+    ("signal",),
+    (540,),
+    100 if FAST else 1000,
+    seed=SEED,
 )
-mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(3)
+wb.mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(3)
 
 # %% [markdown]
 # **How to read it.** The printed effect of the robot's help needs about sixty people; that of signalling about a
@@ -530,22 +498,24 @@ mixed_model_power(null).table[["people", "test", "power", "low", "high"]].round(
 # removes. Studies are drawn from a known truth with four states and learned from:
 
 # %%
-few_draws = NutsSettings(60, 60, 2) if FAST else NutsSettings(250, 250, 2)
+few_draws = wb.NutsSettings(60, 60, 2) if FAST else wb.NutsSettings(250, 250, 2)
 plans = {
-    "study 1": study1_design(),
-    "HRHRH": schedules_design(["HRHRH"]),
-    "study 2": schedules_design([published()["study2"]["sequence"]]),
+    "study 1": wb.study1_design(),
+    "HRHRH": wb.schedules_design(["HRHRH"]),
+    "study 2": wb.schedules_design([wb.published()["study2"]["sequence"]]),
 }
 at = (50, 100) if FAST else (100, 400, 1600, 6400)
-asked = ContractionPower(calibrated_truth(), plans, at, 2 if FAST else 4, sampler=few_draws, seed=SEED)
-known = contraction_power(asked)
+asked = wb.ContractionPower(wb.calibrated_truth(), plans, at, 2 if FAST else 4, sampler=few_draws, seed=SEED)
+known = wb.contraction_power(asked)
 
 # %%
-curve = known.table[known.table["table"] == ALL_MOVES].rename(columns={"mean": "value"})
+curve = known.table[known.table["table"] == wb.ALL_MOVES].rename(columns={"mean": "value"})
 lines = dict(list(curve.groupby("design", sort=False)))
-needed = {name: known.reached(0.5, ALL_MOVES, name).n for name in lines}
-ax = power_by_people(lines, 0.5, reached=needed, ylabel="expected contraction, all moves", log_x=True)
-show(ax, "simulated", "Expected contraction of the transition tables by people and sequences, with 90% intervals.")
+needed = {name: known.reached(0.5, wb.ALL_MOVES, name).n for name in lines}
+ax = wb.power_by_people(lines, 0.5, reached=needed, ylabel="expected contraction, all moves", log_x=True)
+wb.show(
+    ax, "simulated", "Expected contraction of the transition tables by people and sequences, with 90% intervals."
+)
 print(known.sentence(0.5))
 
 # %%

@@ -33,31 +33,12 @@ SEED = 1
 # %%
 from dataclasses import replace
 
-from analysis.belief_explorer import show_explorer
-from analysis.datasets import load
-from analysis.figures.curves import curves
-from analysis.figures.notebook import panels, show
-from analysis.figures.planning import gap_over_time, value_slices
-from analysis.figures.planning_beliefs import belief_trajectory
-from analysis.figures.planning_graph import policy_graph
-from analysis.figures.reward import reward_by_state
-from analysis.policy_graph import policy_graph_of
-from analysis.policy_study import STUDY2, belief_paths, policy_study, state_paths
-from analysis.simulate import calibrated_truth
-from models.baum_welch import BaumWelch
-from models.planning.baselines import Reciprocal, always, never
-from models.planning.controller import controller_of
-from models.planning.finite_memory import infinite_value
-from models.planning.latent import latent_problem
-from models.planning.plan_policy import PlanPolicy
-from models.planning.problems import problem as standard
-from models.planning.solver import solve
-from models.reward import PUBLISHED_X
+import analysis.workbench as wb
 
 # %%
-truth = calibrated_truth()
-show(
-    reward_by_state(PUBLISHED_X, (0.001, 0.04, 0.06, 0.08, 0.09), truth.state_names, cost=15), "definition",
+truth = wb.calibrated_truth()
+wb.show(
+    wb.reward_by_state(wb.PUBLISHED_X, (0.001, 0.04, 0.06, 0.08, 0.09), truth.state_names, cost=15), "definition",
     "What a person in each state is worth a round, by the steepness $r$ (the paper's figure). The axis is linear up to 10 "
     "and logarithmic above.",
 )  # fmt: skip
@@ -74,7 +55,7 @@ show(
 # grid and without a tolerance. `H` means that the *human* may help.
 
 # %%
-study = policy_study(truth)
+study = wb.policy_study(truth)
 print(study.sentence)
 study.table.round(3)
 
@@ -82,8 +63,8 @@ study.table.round(3)
 # Where each rule takes people:
 
 # %%
-show(
-    curves(state_paths(study), xlabel="event", ylabel="expected state, 0 to 3"), "truth",
+wb.show(
+    wb.curves(wb.state_paths(study), xlabel="event", ylabel="expected state, 0 to 3"), "truth",
     "The expected state under each policy before each event, and after the last.",
 )  # fmt: skip
 
@@ -107,15 +88,15 @@ study.plan.table.head(8)
 
 # %%
 costs = {"help": 40.0, "signal": 3.0}
-problem = latent_problem(truth)
-contested = latent_problem(replace(truth, reward=replace(truth.reward, costs=costs)))
-solutions = {"published costs": solve(problem, 1e-4), "help 40, signal 3": solve(contested, 1e-4)}
+problem = wb.latent_problem(truth)
+contested = wb.latent_problem(replace(truth, reward=replace(truth.reward, costs=costs)))
+solutions = {"published costs": wb.solve(problem, 1e-4), "help 40, signal 3": wb.solve(contested, 1e-4)}
 for name, solution in solutions.items():
     print(f"{name}: {solution.sentence}")
 
 # %%
-show(
-    value_slices(solutions["help 40, signal 3"]), "truth",
+wb.show(
+    wb.value_slices(solutions["help 40, signal 3"]), "truth",
     "Help costs 40 and a signal 3: value, and below it what the policy does, on a walk through the beliefs from certainty "
     "of one state to certainty of the next.",
 )  # fmt: skip
@@ -134,10 +115,10 @@ show(
 # and how the person responds, and the belief moves by Bayes' rule of [notebook 01](01_the_model.ipynb).
 
 # %%
-dear = latent_problem(replace(truth, reward=replace(truth.reward, costs={"help": 60.0, "signal": 6.0})))
+dear = wb.latent_problem(replace(truth, reward=replace(truth.reward, costs={"help": 60.0, "signal": 6.0})))
 plans = {name: found.policy for name, found in reversed(solutions.items())}
-show_explorer(
-    plans | {"help 60, signal 6": solve(dear, 1e-4).policy}, "truth",
+wb.show_explorer(
+    plans | {"help 60, signal 6": wb.solve(dear, 1e-4).policy}, "truth",
     "What the plan does at every belief, what each action is worth, and where each response takes the belief. Drag the ring "
     "or use arrow keys, sliders and buttons. In print, the figure above stands for it.",
     held=1,
@@ -162,10 +143,10 @@ print(policy.why(truth.initial, 0).sentence)
 # the robot is in a box, does what it says, and goes where the response points.
 
 # %%
-graph = policy_graph_of(solutions["help 40, signal 3"])
+graph = wb.policy_graph_of(solutions["help 40, signal 3"])
 print(graph.sentence)
-show(
-    policy_graph(graph), "truth",
+wb.show(
+    wb.policy_graph(graph), "truth",
     "The policy at help 40, signal 3, from its start. Below each action: the share of the discounted time, and the "
     "expected state of the person.",
 )  # fmt: skip
@@ -179,8 +160,8 @@ show(
 
 # %%
 for name, solution in solutions.items():
-    controller = controller_of(solution.policy).reachable()
-    value = infinite_value(controller, solution.problem).value
+    controller = wb.controller_of(solution.policy).reachable()
+    value = wb.infinite_value(controller, solution.problem).value
     print(
         f"{name}: {controller.n_nodes} nodes, worth {value:.4f}; bounds {solution.lower:.4f} to {solution.upper:.4f}"
     )
@@ -191,9 +172,9 @@ for name, solution in solutions.items():
 # The same solver on two problems of the literature.
 
 # %%
-known = {name: solve(standard(name), 1e-3, time_limit=20) for name in ("tiger", "rock_sample_4_4")}
-show(
-    gap_over_time(known), "definition",
+known = {name: wb.solve(wb.problem(name), 1e-3, time_limit=20) for name in ("tiger", "rock_sample_4_4")}
+wb.show(
+    wb.gap_over_time(known), "definition",
     "The gap between the bounds over time, both axes logarithmic. Tiger: the published value is 19.3714.",
 )  # fmt: skip
 
@@ -207,9 +188,9 @@ show(
 # The robot never knows the truth. Its tables come from 540 people; its plan is as good as they are.
 
 # %%
-log = load("simulated_study1").log
-fit = BaumWelch(truth.n_states, restarts=30 if FAST else 200, seed=SEED).fit(log)
-learned = policy_study(truth, learned=fit.model)
+log = wb.load("simulated_study1").log
+fit = wb.BaumWelch(truth.n_states, restarts=30 if FAST else 200, seed=SEED).fit(log)
+learned = wb.policy_study(truth, learned=fit.model)
 print(learned.sentence)
 learned.table.round(3)
 
@@ -217,12 +198,12 @@ learned.table.round(3)
 # How wrong are they? Areas show where each policy takes people in the truth, dashes what the robot believes meanwhile.
 
 # %%
-robots = [PlanPolicy.of(learned.learned_plan, "learned plan"), never(truth.protocol), always(truth.protocol),
-          Reciprocal(truth.protocol)]  # fmt: skip
-for ax, robot in zip(panels(2.5, 2.5, 2.5, 2.5, height=2.4), robots, strict=True):
-    states, believed = belief_paths(robot, truth, fit.model)
-    belief_trajectory(states, STUDY2, truth.state_names, believed=believed, title=robot.name, ax=ax)
-show(
+robots = [wb.PlanPolicy.of(learned.learned_plan, "learned plan"), wb.never(truth.protocol), wb.always(truth.protocol),
+          wb.Reciprocal(truth.protocol)]  # fmt: skip
+for ax, robot in zip(wb.panels(2.5, 2.5, 2.5, 2.5, height=2.4), robots, strict=True):
+    states, believed = wb.belief_paths(robot, truth, fit.model)
+    wb.belief_trajectory(states, wb.STUDY2, truth.state_names, believed=believed, title=robot.name, ax=ax)
+wb.show(
     ax, "simulated",
     "Shares by state before each round and after the last, in the truth; dashed, how the robot's mean belief divides.",
 )  # fmt: skip

@@ -32,41 +32,15 @@ FAST = False
 SEED = 1
 
 # %%
-from analysis.datasets import load, log_digest
-from analysis.endless_study import endless_study
-from analysis.evidence import read_evidence
-from analysis.figures.draw_solutions import stability_along, stability_map, value_distribution
-from analysis.figures.information import information_by_block, information_by_people
-from analysis.figures.notebook import show
-from analysis.figures.robust import caution, plan_comparison, stability_tree, value_distributions
-from analysis.fits import stored_fit
-from analysis.next_studies import published_studies
-from analysis.policy_study import STUDY2
-from models.baum_welch import BaumWelch
-from models.nuts import NutsSettings
-from models.planning.exact import solve_schedule
-from models.planning.latent import LatentBatch
-from models.planning.mode_process import alternating
-from models.planning.schedule import Schedule
-from models.robust.candidates import standard_candidates
-from models.robust.cautious import acting_words, cautious_plan
-from models.robust.contested import contested, flip_points
-from models.robust.frontier import frontier
-from models.robust.information import perfect_information
-from models.robust.own_plans import own_plans
-from models.robust.partial_information import partial_information
-from models.robust.pricing import price
-from models.robust.sample_information import sample_information
-from models.robust.single_plan import best_single
-from models.robust.stability import decision_stability
+import analysis.workbench as wb
 
 # %%
-data = load("simulated_study1")
-sampler = NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else NutsSettings(seed=SEED)
-posterior = stored_fit(data.log, log_digest(data.log), 4, sampler=sampler).posterior
+data = wb.load("simulated_study1")
+sampler = wb.NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else wb.NutsSettings(seed=SEED)
+posterior = wb.stored_fit(data.log, wb.log_digest(data.log), 4, sampler=sampler).posterior
 print(posterior.gate.sentence)
 draws = posterior.draws().thin(200) if FAST else posterior.draws()
-study = Schedule.of(draws, STUDY2)
+study = wb.Schedule.of(draws, wb.STUDY2)
 chains = posterior.gate.chains
 
 # %% [markdown]
@@ -76,7 +50,7 @@ chains = posterior.gate.chains
 # thousands of draws, and the walk over all histories takes them together:
 
 # %%
-own = own_plans(study)
+own = wb.own_plans(study)
 print(
     f"{draws.n_draws} draws, {len(own.plans)} different plans; the most common is best for {own.shares[0]:.0%} of them."
 )
@@ -88,12 +62,12 @@ print("First action preferred:", {a: f"{s:.0%}" for a, s in own.first_action_sha
 # joint vector of draw and state, and exact:
 
 # %%
-plan = solve_schedule(study)
+plan = wb.solve_schedule(study)
 print(plan.sentence)
-stability = decision_stability(study, plan)
+stability = wb.decision_stability(study, plan)
 print(stability.sentence)
-show(
-    stability_tree(stability), "simulated",
+wb.show(
+    wb.stability_tree(stability), "simulated",
     "Every decision of the Bayes-adaptive plan and the share of the draws that would do the same, each with its own belief "
     "about the person. Help upwards, bold frames act, lines as wide as histories are probable.",
 )  # fmt: skip
@@ -117,11 +91,11 @@ stability.by_event.round(3)
 # Plans that people would use, each valued in every draw. *Held out*: chosen on one half of the draws, scored on the other.
 
 # %%
-estimate = BaumWelch(4, restarts=30 if FAST else 200, seed=SEED).fit(data.log).model
-prices = price(study, standard_candidates(study, plug_in=estimate), optima=own.values, chains=chains)
+estimate = wb.BaumWelch(4, restarts=30 if FAST else 200, seed=SEED).fit(data.log).model
+prices = wb.price(study, wb.standard_candidates(study, plug_in=estimate), optima=own.values, chains=chains)
 print(prices.sentence)
-show(
-    plan_comparison(prices), "simulated", "Mean over the draws, on held-out draws, in the worst tenth and in the worst draw.",
+wb.show(
+    wb.plan_comparison(prices), "simulated", "Mean over the draws, on held-out draws, in the worst tenth and in the worst draw.",
 )  # fmt: skip
 
 # %%
@@ -141,8 +115,8 @@ shown = {
     "optimum of each draw": own.values,
     **{n: prices[n].values for n in ("Bayes-adaptive", "plug-in estimate", "always")},
 }
-show(
-    value_distributions(shown, draws.weight), "simulated",
+wb.show(
+    wb.value_distributions(shown, draws.weight), "simulated",
     "What is believed of each plan's value: the share of the draws in which it is worth at most so much.",
 )  # fmt: skip
 
@@ -158,17 +132,17 @@ show(
 
 # %%
 levels = (1.0, 0.5, 0.25, 0.1, 0.05, 0.01)
-flipped, flips = contested(study)
+flipped, flips = wb.contested(study)
 print("contested costs:", {a: round(c, 3) for f in flips for a, c in f.costs.items() if c})
-frontiers = {"published costs": frontier(study, levels), "contested costs": frontier(flipped, levels)}
+frontiers = {"published costs": wb.frontier(study, levels), "contested costs": wb.frontier(flipped, levels)}
 for name, found in frontiers.items():
     print(f"{name}: {found.sentence} Largest gap {max(p.gap for p in found.plans):.1g}.")
-for flip in flip_points(study):
+for flip in wb.flip_points(study):
     print(flip.sentence)
 
 # %%
-show(
-    caution(frontiers), "simulated",
+wb.show(
+    wb.caution(frontiers), "simulated",
     "What caution gains in the tail and gives up on average. Contested costs are those where the first decisions of both "
     "modes flip together.",
 )  # fmt: skip
@@ -180,11 +154,11 @@ show(
 # A mixture can be read: how often which plan.
 
 # %%
-careful = cautious_plan(flipped, 0.1)
+careful = wb.cautious_plan(flipped, 0.1)
 print(f"worst tenth: {careful.lower:.3f}, gap {careful.gap:.1g}; mean {careful.mean:.3f}")
 for plan_, share in zip(careful.plans, careful.share, strict=True):
-    print(f"{share:.0%}:", " · ".join(acting_words(flipped, plan_)))
-single = best_single(careful)
+    print(f"{share:.0%}:", " · ".join(wb.acting_words(flipped, plan_)))
+single = wb.best_single(careful)
 print(f"without drawing lots at most {single.lost:.2g} is lost: the best of {single.looked:,} plans looked at")
 
 # %% [markdown]
@@ -193,17 +167,17 @@ print(f"without drawing lots at most {single.lost:.2g} is lost: the best of {sin
 # If the draw were known, the robot would gain $\mathrm{EVPI} = \sum_i w_i V^*_i - \max_\pi \sum_i w_i V_i(\pi)$, exactly:
 
 # %%
-perfect = perfect_information(study, chains=chains)
+perfect = wb.perfect_information(study, chains=chains)
 print(perfect.sentence)
 
 # %% [markdown]
 # Which tables does that come from? One block at a time:
 
 # %%
-blocks = partial_information(study, chains=chains, perfect=perfect)
+blocks = wb.partial_information(study, chains=chains, perfect=perfect)
 print(blocks.sentence)
-show(
-    information_by_block(blocks), "simulated",
+wb.show(
+    wb.information_by_block(blocks), "simulated",
     "Worth of knowing one block for sure: a rule fitted on some draws and scored on the others (bars, twice the standard "
     "error), and scored on its own draws (diamonds, optimistic).",
 )  # fmt: skip
@@ -216,14 +190,14 @@ show(
 # And a real study is not perfect knowledge. Data of $n$ more people reweight the draws; simulate them many times:
 
 # %%
-studies = published_studies(draws.protocol, "HRHRH")
+studies = wb.published_studies(draws.protocol, "HRHRH")
 sizes = (50, 200) if FAST else (50, 100, 200, 400)
-worth = sample_information(study, studies, sizes, replicates=20 if FAST else 100, seed=SEED, perfect=perfect)
+worth = wb.sample_information(study, studies, sizes, replicates=20 if FAST else 100, seed=SEED, perfect=perfect)
 print(worth.sentence)
 print(f"In one sentence: {stability.standings[0].words[:-1]}; {worth.best.words} would take away "
       f"{worth.best.share_of(perfect.value)} of what doubt costs.")  # fmt: skip
-show(
-    information_by_people(worth), "simulated",
+wb.show(
+    wb.information_by_people(worth), "simulated",
     "Expected gain from more people, by condition, and with actions that vary within every person. Dashed: perfect knowledge.",
 )  # fmt: skip
 
@@ -239,12 +213,12 @@ show(
 # what no policy exceeds.
 
 # %%
-batch = LatentBatch(draws.thin(60 if FAST else 400), alternating(draws.protocol))
-endless = endless_study(batch, STUDY2)
+batch = wb.LatentBatch(draws.thin(60 if FAST else 400), wb.alternating(draws.protocol))
+endless = wb.endless_study(batch, wb.STUDY2)
 print(endless.solution.sentence)
 print(endless.pool.sentence)
-show(
-    value_distribution(endless.pool), "simulated", "What the repeated interaction is worth in each draw, by plan.",
+wb.show(
+    wb.value_distribution(endless.pool), "simulated", "What the repeated interaction is worth in each draw, by plan.",
 )  # fmt: skip
 
 # %% [markdown]
@@ -255,8 +229,8 @@ show(
 # simplex too, for a solution is certified where it starts, and may be poor elsewhere.
 
 # %%
-show(
-    stability_map(endless.wide), "simulated",
+wb.show(
+    wb.stability_map(endless.wide), "simulated",
     "Share of the draws that prefer to act, over beliefs about three states at a time; the dark line splits the draws in half.",
 )  # fmt: skip
 
@@ -269,8 +243,8 @@ show(
 
 # %%
 print(endless.along.sentence)
-show(
-    stability_along(endless.along), "simulated",
+wb.show(
+    wb.stability_along(endless.along), "simulated",
     "Share of the draws that prefer to act next. One dot a history, larger the more probable it is; lines are means.",
 )  # fmt: skip
 
@@ -284,7 +258,7 @@ show(
 # from it, plans valued in the truth. This takes half an hour; here is what is stored.
 
 # %%
-stored = read_evidence("plans_in_truth")
+stored = wb.read_evidence("plans_in_truth")
 print(stored.sentence if stored else "no evidence is stored: make evidence")
 
 # %% [markdown]

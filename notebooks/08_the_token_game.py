@@ -35,30 +35,7 @@ import numpy as np
 import pandas as pd
 from IPython.display import display
 
-from analysis.design import published
-from analysis.evidence import read_evidence
-from analysis.figures.game import round_course, state_scores_plot, tokens_by_kind, trap_panels
-from analysis.figures.notebook import panels, show
-from analysis.figures.study2 import claim_shares, four_panels
-from analysis.game_calibration import calibrate_game
-from analysis.game_calibration import in_words as measured_in_words
-from analysis.game_player import show_round
-from analysis.game_scenes import paper_scenes, simulated_round
-from analysis.game_settings import narrow
-from analysis.game_study import learn_from_both, play_study1
-from analysis.printed_study2 import anova_beside, comparisons_beside, implied_sentence, in_words
-from analysis.simulate import calibrated_truth
-from analysis.study2 import run_study2
-from analysis.study2_analysis import analyse
-from analysis.study2_beliefs import belief_spread
-from analysis.study2_claims import CLAIMS, as_printed, check_claims
-from analysis.study2_evidence import WORDS, shown_claims
-from analysis.study2_learning import learned_from
-from analysis.study2_outcomes import BELIEF, CUMULATIVE, OBSERVED, OUTCOMES, TEAM, by_round, means, relative_to
-from analysis.study2_policies import MORE, PAPER, make_policies
-from models.game.env import TokenGame
-from models.game.robot import RobotPlayer
-from models.nuts import NutsSettings
+import analysis.workbench as wb
 
 # %% [markdown]
 # ## The game
@@ -69,8 +46,8 @@ from models.nuts import NutsSettings
 # trapped until the other enters.
 
 # %%
-show(
-    trap_panels(paper_scenes(SEED)), "simulated",
+wb.show(
+    wb.trap_panels(wb.paper_scenes(SEED)), "simulated",
     "The paper's three panels. Everything that a colour says a shape says too: discs and rings are the human's, squares the robot's.",
 )  # fmt: skip
 
@@ -84,8 +61,8 @@ show(
 # robot signals (`analysis.game_film.write_film` makes a GIF or MP4 of the same record):
 
 # %%
-willing, unwilling = (simulated_round("robot", True, helps, SEED) for helps in (True, False))
-show_round(
+willing, unwilling = (wb.simulated_round("robot", True, helps, SEED) for helps in (True, False))
+wb.show_round(
     willing, "simulated",
     "A recorded round, played back. *Trap* goes to the moment at which the robot is caught; arrow keys move the slider by "
     "a tenth of a second.",
@@ -95,11 +72,11 @@ show_round(
 # What does help cost, and what is it worth? The same seed, three rounds: tokens lie in the same places to begin with.
 
 # %%
-axes = panels(2.6, 2.6, 2.6)
-round_course(willing, "A person helps", axes[0])
-round_course(unwilling, "Nobody helps", axes[1])
-drawn = round_course(simulated_round("human", True, True, SEED), "The robot helps", axes[2])
-show(
+axes = wb.panels(2.6, 2.6, 2.6)
+wb.round_course(willing, "A person helps", axes[0])
+wb.round_course(unwilling, "Nobody helps", axes[1])
+drawn = wb.round_course(wb.simulated_round("human", True, True, SEED), "The robot helps", axes[2])
+wb.show(
     drawn.get_figure(), "simulated",
     "Tokens of both players in three rounds with the same seed; grey while somebody is trapped.",
 )  # fmt: skip
@@ -112,7 +89,7 @@ show(
 # browser. In the environment moves are all there is: to help is to walk into the room.
 
 # %%
-env, robot = TokenGame(trapped="human", acts=True), RobotPlayer()
+env, robot = wb.TokenGame(trapped="human", acts=True), wb.RobotPlayer()
 observations, infos = env.reset(seed=SEED)
 env.action_space("human").seed(SEED)
 while env.agents:
@@ -129,7 +106,7 @@ print(f"A person at random and the project's robot: {env.round.collected}, {info
 # weighted by them.
 
 # %%
-rounds = play_study1(seed=SEED).rounds
+rounds = wb.play_study1(seed=SEED).rounds
 print(rounds.sentence)
 human, helped = rounds.trapped == 0, rounds.helped
 
@@ -140,8 +117,8 @@ kinds = {
     "robot trapped, person helps": ~human & helped,
     "robot trapped, nobody helps": ~human & ~helped,
 }
-show(
-    tokens_by_kind(rounds, kinds), "simulated",
+wb.show(
+    wb.tokens_by_kind(rounds, kinds), "simulated",
     "Mean tokens a round in a study 1 played in the game; nine tenths of the rounds' sums are within the lines.",
 )  # fmt: skip
 
@@ -151,16 +128,16 @@ show(
 # these are the team's.
 
 # %%
-truth = calibrated_truth()
-calibration = calibrate_game(truth, studies=2 if FAST else 10, seed=SEED)
+truth = wb.calibrated_truth()
+calibration = wb.calibrate_game(truth, studies=2 if FAST else 10, seed=SEED)
 print(calibration.sentence)
-show(
-    state_scores_plot(calibration.table, truth.state_names), "simulated",
+wb.show(
+    wb.state_scores_plot(calibration.table, truth.state_names), "simulated",
     "Scores of the states measured in the game, with twice the standard deviation between studies of 540 people; stars are printed.",
 )  # fmt: skip
 
 # %%
-measured_in_words(calibration.table).round(2)
+wb.measured_in_words(calibration.table).round(2)
 
 # %% [markdown]
 # **How to read it.** The order of the states comes out and so do the ends; the two states between come out too high. A
@@ -176,10 +153,10 @@ measured_in_words(calibration.table).round(2)
 # errors, `rms` their distance from the printed ones):
 
 # %%
-tried = read_evidence("game")
+tried = wb.read_evidence("game")
 if tried:
     print(tried.sentence)
-    display(narrow(pd.DataFrame(tried.content["search"])).round(1))
+    display(wb.narrow(pd.DataFrame(tried.content["search"])).round(1))
 else:
     print("no evidence is stored: prosocial replicate game --out reports/evidence/game.json")
 
@@ -192,7 +169,7 @@ else:
 # game with rounds that end before everybody who would help has come.
 
 # %%
-both = learn_from_both(truth, seed=SEED, restarts=8 if FAST else 60)
+both = wb.learn_from_both(truth, seed=SEED, restarts=8 if FAST else 60)
 print(both.sentence)
 both.rates.round(3)
 
@@ -209,11 +186,11 @@ both.rates.round(3)
 # rounds, the Bayes-adaptive one for the whole posterior, a cautious one for its worst tenth. Twenty people each.
 
 # %%
-sampler = NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else NutsSettings(seed=SEED)
-learned = learned_from("bundled", truth, seed=SEED, posterior=True, sampler=sampler)
-policies = make_policies(learned, PAPER + MORE)
-everybody = run_study2(policies, truth, learned, 20 * len(policies.policies), seed=SEED)
-study = as_printed(everybody)
+sampler = wb.NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else wb.NutsSettings(seed=SEED)
+learned = wb.learned_from("bundled", truth, seed=SEED, posterior=True, sampler=sampler)
+policies = wb.make_policies(learned, wb.PAPER + wb.MORE)
+everybody = wb.run_study2(policies, truth, learned, 20 * len(policies.policies), seed=SEED)
+study = wb.as_printed(everybody)
 print(f"{study.n_people} people under the paper's policies; rounds {study.letters}; robot: {learned.words}.")
 for note in everybody.notes:
     print(note)
@@ -221,13 +198,13 @@ for note in everybody.notes:
 
 # %%
 titles = {
-    TEAM: "Team performance", CUMULATIVE: "Cumulative tokens, less never", BELIEF: "Believed state",
-    OBSERVED: "Observed help",
+    wb.TEAM: "Team performance", wb.CUMULATIVE: "Cumulative tokens, less never", wb.BELIEF: "Believed state",
+    wb.OBSERVED: "Observed help",
 }  # fmt: skip
-tables = {key: (relative_to if key == CUMULATIVE else by_round)(study, key) for key in titles}
-shown = [(title, OUTCOMES[key].unit, tables[key]) for key, title in titles.items()]
-show(
-    four_panels(shown, study.letters), "simulated",
+tables = {key: (wb.relative_to if key == wb.CUMULATIVE else wb.by_round)(study, key) for key in titles}
+shown = [(title, wb.OUTCOMES[key].unit, tables[key]) for key, title in titles.items()]
+wb.show(
+    wb.four_panels(shown, study.letters), "simulated",
     "The paper's four panels: means of each policy with 95% intervals. H: the human may help, so the robot is trapped.",
 )  # fmt: skip
 
@@ -263,26 +240,26 @@ top.round(2)
 # same people, actions and responses, they give these tests.
 
 # %%
-spread = belief_spread(study, learned)
+spread = wb.belief_spread(study, learned)
 print(spread.sentence)
-in_words(spread.table)
+wb.in_words(spread.table)
 
 # %% [markdown]
 # The tests are the paper's, on these people and as printed (where p < .001 stands as 0); those of believed state are to be
 # read with what was just said.
 
 # %%
-found = analyse(study)
-in_words(anova_beside(found, published()))
+found = wb.analyse(study)
+wb.in_words(wb.anova_beside(found, wb.published()))
 
 # %%
-pairs = in_words(comparisons_beside(found, published()).drop(columns=["simulated_low", "simulated_high"]))
+pairs = wb.in_words(wb.comparisons_beside(found, wb.published()).drop(columns=["simulated_low", "simulated_high"]))
 pairs.set_axis([name.replace("_", " ").replace("simulated", "sim.") for name in pairs], axis="columns")
 
 # %%
 for sentence in found.sentences:
     print(sentence)
-print(implied_sentence(published()))
+print(wb.implied_sentence(wb.published()))
 
 # %% [markdown]
 # Where this study and the printed one part most clearly is *time*: the paper's people help and collect more in the last
@@ -290,8 +267,8 @@ print(implied_sentence(published()))
 # changes over time is that people under *never* stop helping. Would this study have led to the paper's conclusions?
 
 # %%
-held = check_claims(study)
-for claim in CLAIMS:
+held = wb.check_claims(study)
+for claim in wb.CLAIMS:
     if claim.whole:
         print("not decidable" if claim.own_scale else "yes" if held[claim.key] else "no ", claim.text)
 
@@ -309,7 +286,7 @@ if found.help_model is not None:
 # And the planners that the paper did not have, with what the robot spent:
 
 # %%
-wide = means(everybody).pivot_table(index="policy", columns="outcome", values="mean", sort=False)
+wide = wb.means(everybody).pivot_table(index="policy", columns="outcome", values="mean", sort=False)
 wide.round(2)
 
 # %% [markdown]
@@ -324,17 +301,17 @@ wide.round(2)
 # paper's conclusions is checked by the paper's own test. That takes long; here is what is stored.
 
 # %%
-stored = read_evidence("study2")
+stored = wb.read_evidence("study2")
 print(stored.sentence if stored else "no evidence is stored: make evidence")
 
 # %%
 if stored:
-    claims = shown_claims(stored.content).query("whole")
+    claims = wb.shown_claims(stored.content).query("whole")
     for learning, own in claims.groupby("learning", sort=False):
-        show(
-            claim_shares(own, title=f"robot: {WORDS[learning]}"), "simulated",
+        wb.show(
+            wb.claim_shares(own, title=f"robot: {wb.WORDS[learning]}"), "simulated",
             "Share of simulated studies that lead to each conclusion of the paper, by the planner "
-            f"that takes the place of the paper's own. The robot's model: {WORDS[learning]}.",
+            f"that takes the place of the paper's own. The robot's model: {wb.WORDS[learning]}.",
         )  # fmt: skip
 
 # %% [markdown]

@@ -37,31 +37,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.datasets import load, log_digest
-from analysis.figures.notebook import panels, show
-from analysis.figures.reward_slider import show_slider, whole_grid
-from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
-from analysis.figures.sensitivity import critical_values
-from analysis.fits import stored_fit
-from analysis.policy_study import STUDY2
-from analysis.safeguard_study import Wanted, ls_pomdp, safeguard_study
-from analysis.sensitivity import READING_WORDS, SensitivityEffort, decider_of, sensitivity_study
-from analysis.simulate import calibrated_truth
-from models.model_draws import ModelDraws
-from models.nuts import NutsSettings
-from models.planning.policy_files import read_policy, write_policy
-from models.planning.schedule import Schedule
-from models.runtime import Session
-from models.safeguards.audit import ROOT, seal
-from models.safeguards.budget import CostBudget
-from models.safeguards.confidence import Confidence
-from models.safeguards.consent import fallback_of
-from models.safeguards.guarded import Guarded
-from models.safeguards.influence import MinimumInfluence
-from models.safeguards.influence_report import NONE
-from models.safeguards.replay import verify
-from models.safeguards.schedule_worth import ScheduleWorth
-from models.sensitivity.reward_grid import RewardGrid, decide_grid
+import analysis.workbench as wb
 
 # %% [markdown]
 # ## What the plan depends on
@@ -72,12 +48,12 @@ from models.sensitivity.reward_grid import RewardGrid, decide_grid
 # of the state they lead to. First under the truth:
 
 # %%
-truth = calibrated_truth()
-known = ModelDraws.from_models([truth])
-in_truth = sensitivity_study(known, effort=SensitivityEffort(variants=False))
+truth = wb.calibrated_truth()
+known = wb.ModelDraws.from_models([truth])
+in_truth = wb.sensitivity_study(known, effort=wb.SensitivityEffort(variants=False))
 print(in_truth.sentence)
-show(
-    whole_grid({READING_WORDS[reading]: found for reading, found in in_truth.maps.items()}), "truth",
+wb.show(
+    wb.whole_grid({wb.READING_WORDS[reading]: found for reading, found in in_truth.maps.items()}), "truth",
     "The paper's grid in three readings: whether the robot acts, at each step, by $r$ (across) and costs (within each block).",
 )  # fmt: skip
 
@@ -108,21 +84,21 @@ pd.DataFrame(rows).sort_values(["moves", "step"], kind="stable").set_index(["mov
 # The robot has no truth, it has draws. Each decides for itself, at its own belief; the map shows which share of them acts.
 
 # %%
-data = load("simulated_study1")
-sampler = NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else NutsSettings(seed=SEED)
-posterior = stored_fit(data.log, log_digest(data.log), 4, sampler=sampler).posterior
+data = wb.load("simulated_study1")
+sampler = wb.NutsSettings(draws=300, tune=300, chains=2, seed=SEED) if FAST else wb.NutsSettings(seed=SEED)
+posterior = wb.stored_fit(data.log, wb.log_digest(data.log), 4, sampler=sampler).posterior
 print(posterior.gate.sentence)
 draws = posterior.draws()
-effort = SensitivityEffort(
+effort = wb.SensitivityEffort(
     endless_draws=10 if FAST else 60, endless_critical=3 if FAST else 20, endless_certain=2 if FAST else 8,
     few_draws=400 if FAST else 2000, few_critical=80, endless_scan=13, moved=False, variants=False,
 )  # fmt: skip
-learned = sensitivity_study(draws, effort=effort)
+learned = wb.sensitivity_study(draws, effort=effort)
 print(learned.sentence)
 
 # %%
-show(
-    whole_grid({READING_WORDS["infinite"]: learned.maps["infinite"]}), "simulated",
+wb.show(
+    wb.whole_grid({wb.READING_WORDS["infinite"]: learned.maps["infinite"]}), "simulated",
     "The first of the three as shares of draws. Crossed: fewer than three quarters agree, so the recommendation is a toss.",
 )  # fmt: skip
 here = pd.DataFrame(learned.rows()).query("r == 0.06 and cost_help == 15 and cost_signal == 15")
@@ -138,8 +114,8 @@ here.set_index(["reading", "k"])[["action", "share", "verdict", "draws"]].round(
 
 # %%
 helping, signalling = ([learned.flips(reading, "r")[step] for reading in learned.maps] for step in (0, 1))
-show(
-    critical_values(helping, ax=panels(4.6, height=3.8)[0]), "simulated",
+wb.show(
+    wb.critical_values(helping, ax=wb.panels(4.6, height=3.8)[0]), "simulated",
     "At which $r$ helping begins, both costs at 15, in 20 draws without a horizon and 80 in the other readings. Legend: share of "
     "the draws in which it never does.",
 )  # fmt: skip
@@ -156,13 +132,13 @@ for flips in signalling:
 
 # %%
 steep = (0.001, 0.02, 0.03, *(k / 1000 for k in range(35, 101, 5)))
-grid = RewardGrid.of(known) if FAST else RewardGrid.of(known, steep, [2.5 * k for k in range(13)])
+grid = wb.RewardGrid.of(known) if FAST else wb.RewardGrid.of(known, steep, [2.5 * k for k in range(13)])
 layers = {
-    f"{who}: {READING_WORDS[reading]}": decide_grid(decider_of(reading, own), grid, in_truth.discounts[reading])
+    f"{who}: {wb.READING_WORDS[reading]}": wb.decide_grid(wb.decider_of(reading, own), grid, in_truth.discounts[reading])
     for who, own in (("truth", known), ("posterior", draws.thin(200)))
-    for reading in READING_WORDS if own.n_draws == 1 or reading == "two-step-terminal"
+    for reading in wb.READING_WORDS if own.n_draws == 1 or reading == "two-step-terminal"
 }  # fmt: skip
-show_slider(
+wb.show_slider(
     layers, "simulated",
     "What is done, by $r$ and costs; in the truth, or by how many draws. Click into a map to set both costs. In print, the "
     "two grids above stand for it.",
@@ -206,7 +182,7 @@ pd.DataFrame(rows).sort_values("finding", kind="stable").set_index(["finding", "
 
 # %%
 cheap = replace(truth, reward=replace(truth.reward, costs={"help": 15.0, "signal": 5.0}))
-limited = safeguard_study(Schedule.of(cheap, STUDY2), Wanted(budget=30, expected_cost=30))
+limited = wb.safeguard_study(wb.Schedule.of(cheap, wb.STUDY2), wb.Wanted(budget=30, expected_cost=30))
 for told in limited.sentences[1:5]:
     print(told)
 unguarded = limited.report.table.query("safeguards == 'none'").set_index("policy")
@@ -218,8 +194,8 @@ unguarded[["value", "cost", "most_cost", "help_rate", "influence"]].round(2)
 # the best of it. A limit on the *expected* cost buys a little more, and some people cost half as much again.
 
 # %%
-show(
-    value_and_cost(limited.frontier, limited.budgets, limited.report, limited.drawn), "truth",
+wb.show(
+    wb.value_and_cost(limited.frontier, limited.budgets, limited.report, limited.drawn), "truth",
     "Value and cost over nine rounds. The line bends one way only, the squares do not.",
 )  # fmt: skip
 
@@ -243,8 +219,8 @@ limited.budgets.table.query("budget <= 45").set_index("budget").round(3)
 # least. *Confidence* acts only if $P(Q_a > Q_\text{null})$ exceeds a threshold. Around policies, in the posterior:
 
 # %%
-rounds = Schedule.of(draws.thin(100 if FAST else 400), STUDY2)
-study = safeguard_study(rounds)
+rounds = wb.Schedule.of(draws.thin(100 if FAST else 400), wb.STUDY2)
+study = wb.safeguard_study(rounds)
 print(
     f"budget {study.wanted.budget:g}, tolerance {study.wanted.tolerance:g}, confidence {study.wanted.confidence:g}"
 )
@@ -259,9 +235,9 @@ study.report.table.set_index(["policy", "safeguards"])[columns].loc[list(study.d
 # %%
 for told in study.sentences[-2:]:
     print(told)
-drawn = stricter([study.tolerance, study.threshold])
+drawn = wb.stricter([study.tolerance, study.threshold])
 drawn.figure.set_size_inches(7.2, 4.8)
-show(
+wb.show(
     drawn, "simulated",
     "The Bayes-adaptive plan under safeguards made stricter. Exact steps: between two of them no decision changes.",
 )  # fmt: skip
@@ -272,9 +248,9 @@ show(
 # is moved?
 
 # %%
-drawn = who_is_influenced(study.report, (study.best, "reactive"), (NONE, "influence"))
+drawn = wb.who_is_influenced(study.report, (study.best, "reactive"), (wb.NONE, "influence"))
 drawn.figure.set_size_inches(9.4, 3.4)
-show(
+wb.show(
     drawn, "simulated",
     "How many times a person is moved, by the state they start in and their first response; bars span nine tenths of the draws.",
 )  # fmt: skip
@@ -293,9 +269,9 @@ show(
 # %%
 folder, ticks = tempfile.TemporaryDirectory(), count()
 file, log = Path(folder.name) / "robot.json", Path(folder.name) / "person-1.log"
-paper, protocol = ls_pomdp(mean_of=rounds), truth.protocol
-guards = [MinimumInfluence.of(rounds.draws, 1), Confidence.of(protocol, 0.7), CostBudget.of(protocol, 15)]
-write_policy(Guarded(paper, guards, fallback_of(protocol), ScheduleWorth(paper, rounds)), file)
+paper, protocol = wb.ls_pomdp(mean_of=rounds), truth.protocol
+guards = [wb.MinimumInfluence.of(rounds.draws, 1), wb.Confidence.of(protocol, 0.7), wb.CostBudget.of(protocol, 15)]
+wb.write_policy(wb.Guarded(paper, guards, wb.fallback_of(protocol), wb.ScheduleWorth(paper, rounds)), file)
 
 
 # %%
@@ -303,9 +279,9 @@ def clock():
     return datetime(2026, 1, 5, 9, tzinfo=UTC) + timedelta(seconds=10 * next(ticks))
 
 
-session = Session(read_policy(file), log, seed=SEED, clock=clock)
+session = wb.Session(wb.read_policy(file), log, seed=SEED, clock=clock)
 needs = {"H": "robot_needs_help", "R": "human_needs_help"}  # the letter says who helps
-for k, letter in enumerate(STUDY2[:4]):
+for k, letter in enumerate(wb.STUDY2[:4]):
     decision = session.act(needs[letter])
     print(f"{k} {needs[letter]}: {decision.explanation}")
     if k < 3:
@@ -319,7 +295,7 @@ pending = session.pending
 del session
 with log.open("ab") as cut:
     cut.write(b'{"n":9,"event":"obse')
-session = Session.restore(log, clock=clock)
+session = wb.Session.restore(log, clock=clock)
 print("the same decision is pending:", session.pending == pending)
 session.observe()
 print(session.act("robot_needs_help").explanation)
@@ -349,11 +325,11 @@ for line in log.read_text().splitlines()[-5:]:
 # every decision can be made again (`prosocial audit verify` does the same):
 
 # %%
-print(verify(log, kept).sentence)
+print(wb.verify(log, kept).sentence)
 lines = log.read_bytes().splitlines(keepends=True)
 at = next(n for n, line in enumerate(lines) if b'"response":"no_help"' in line)
 forged = [*lines[:at], lines[at].replace(b"no_help", b"help"), *lines[at + 1 :]]
-for finding in verify(b"".join(forged)).findings[:2]:
+for finding in wb.verify(b"".join(forged)).findings[:2]:
     print(finding)
 
 
@@ -363,14 +339,14 @@ for finding in verify(b"".join(forged)).findings[:2]:
 
 
 # %%
-def sealed_anew(lines, previous=ROOT):
+def sealed_anew(lines, previous=wb.ROOT):
     for line in lines:
         body = line[: line.rindex(b',"hash":')]
-        previous = seal(previous, body)
+        previous = wb.seal(previous, body)
         yield body + f',"hash":"{previous}"}}\n'.encode()
 
 
-audit = verify(b"".join(sealed_anew(forged)))
+audit = wb.verify(b"".join(sealed_anew(forged)))
 print(f"chain: {audit.chain_ok}, replay: {audit.replay_ok}. {str(audit.findings[0])[:200]}")
 
 # %% [markdown]
@@ -381,7 +357,7 @@ print(f"chain: {audit.chain_ok}, replay: {audit.replay_ok}. {str(audit.findings[
 last = next(n for n, line in enumerate(lines) if b'"response":"help"' in line)
 lie = [*lines[:last], lines[last].replace(b'"help"', b'"no_help"'), *lines[last + 1 :]]
 for name, content in {"end cut off": lines[:-3], "last answer changed": list(sealed_anew(lie))}.items():
-    alone, known_end = (verify(b"".join(content), end) for end in (None, kept))
+    alone, known_end = (wb.verify(b"".join(content), end) for end in (None, kept))
     print(f"{name}: good without the last hash: {alone.ok}; with it: {known_end.ok}, {known_end.findings[-1]}")
 folder.cleanup()
 

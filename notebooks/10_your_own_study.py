@@ -40,51 +40,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from analysis.comparison import CRITERIA, CompareSettings, compare
-from analysis.datasets import load, log_digest
-from analysis.event_files import write_events
-from analysis.event_import import import_events, key_text
-from analysis.figures.comparison import elpd_differences
-from analysis.figures.contraction import contraction_dots
-from analysis.figures.effects import contrast_by_state
-from analysis.figures.flow import still_going as plot_still_going
-from analysis.figures.information import information_by_people
-from analysis.figures.notebook import panels, show
-from analysis.figures.responses import rate_by_round, rate_heat_map
-from analysis.figures.robust import plan_comparison, stability_tree
-from analysis.fits import stored_fit
-from analysis.participant_flow import dropout_after_response, flow_table, still_going
-from analysis.report.analysis_plan import read_analysis_plan
-from analysis.report.build import build_report
-from analysis.report.compare import compare_report
-from analysis.report.registry import SECTIONS
-from analysis.response_rates import response_rates
-from analysis.state_scores import state_scores
-from analysis.stated_reward import Measured
-from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
-from analysis.warehouse import ARMS, pickers, raw_export, warehouse_truth
-from models.baum_welch import BaumWelch
-from models.events import EventLogError
-from models.identification import identification
-from models.model_draws import ModelDraws
-from models.nuts import NutsSettings
-from models.planning.baselines import always, never
-from models.planning.evaluation import evaluate_schedule
-from models.planning.exact import solve_schedule
-from models.planning.plan_policy import PlanPolicy
-from models.planning.schedule import Schedule
-from models.protocol import Protocol
-from models.reward import Reward
-from models.robust.candidates import standard_candidates
-from models.robust.cautious import acting_words, cautious_plan
-from models.robust.contested import flip_points
-from models.robust.information import perfect_information
-from models.robust.own_plans import own_plans
-from models.robust.pricing import price
-from models.robust.sample_information import sample_information
-from models.robust.stability import decision_stability
-from models.robust.study_design import Arm, NextStudy
-from models.smc import SmcSettings
+import analysis.workbench as wb
 
 kept = tempfile.TemporaryDirectory()  # files of this notebook, gone when it ends; yours lie where you put them
 folder = Path(kept.name)
@@ -118,7 +74,7 @@ drive_on = 0.0
 push = 1.0
 """
 (folder / "protocol.toml").write_text(PROTOCOL)
-protocol = Protocol.from_toml(folder / "protocol.toml")
+protocol = wb.Protocol.from_toml(folder / "protocol.toml")
 
 # %% [markdown]
 # ## The file
@@ -131,8 +87,8 @@ protocol = Protocol.from_toml(folder / "protocol.toml")
 
 # %%
 rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(10,)))
-truth = warehouse_truth(protocol)
-raw = raw_export(pickers(truth, 240, rng), rng)
+truth = wb.warehouse_truth(protocol)
+raw = wb.raw_export(wb.pickers(truth, 240, rng), rng)
 raw.to_csv(folder / "all_apps_wide_export.csv", index=False)
 raw.head(6)
 
@@ -172,7 +128,7 @@ THANK = "thank"
 
 def imported(name):
     with chdir(folder):
-        return import_events(name, "map.toml", protocol)
+        return wb.import_events(name, "map.toml", protocol)
 
 
 # %% [markdown]
@@ -183,7 +139,7 @@ def imported(name):
 # %%
 try:
     imported("all_apps_wide_export.csv")
-except EventLogError as error:
+except wb.EventLogError as error:
     print(f"{error.total} problems in the columns {sorted({p.column for p in error.problems})}, the first of them:")
     print(*error.problems[:3], sep="\n")
 
@@ -198,7 +154,7 @@ print(f"rounds never played: {len(raw) - len(played)}")
 played.to_csv(folder / "played.csv", index=False)
 try:
     imported("played.csv")
-except EventLogError as error:
+except wb.EventLogError as error:
     print(*error.problems, sep="\n")
 
 # %% [markdown]
@@ -213,8 +169,10 @@ result = imported("once.csv")
 for note in result.notes:
     print("note:", note)
 with chdir(folder):
-    write_events(result.log, "study.csv.gz")
-    Path("key.csv").write_text(key_text(result.key))  # who is who: keep it apart from the study, or do not write it
+    wb.write_events(result.log, "study.csv.gz")
+    Path("key.csv").write_text(
+        wb.key_text(result.key)
+    )  # who is who: keep it apart from the study, or do not write it
 
 # %% [markdown]
 # The same from a terminal:
@@ -229,7 +187,7 @@ with chdir(folder):
 
 # %%
 with chdir(folder):
-    own = load("study.csv.gz", protocol)
+    own = wb.load("study.csv.gz", protocol)
 own = replace(own, card=replace(
     own.card, kind="simulated", title="Warehouse pilot (SIMULATED)", run_length="fixed",
     what="240 simulated pickers and a robot that carries, waits, asks or thanks.",
@@ -243,22 +201,22 @@ log.to_frame().drop(columns=["study", "sequence"]).head(4)
 # ## Who took part, and who responded how
 
 # %%
-flow_table(log)
+wb.flow_table(log)
 
 # %%
-leaving = dropout_after_response(log)
+leaving = wb.dropout_after_response(log)
 print(leaving.sentence if leaving else "Nobody left early, or there is nothing to compare.")
 arm_of = pd.Series(log.condition_of_event).str.split("+", expand=True)
-cells = response_rates(log, {"box": arm_of[0].to_numpy(), "when stuck": arm_of[1].to_numpy()})
+cells = wb.response_rates(log, {"box": arm_of[0].to_numpy(), "when stuck": arm_of[1].to_numpy()})
 cells.round(3)
 
 # %%
-left, middle, right = panels(4.3, 3.1, 2.7, height=3.3)
-plot_still_going(still_going(log), ax=left)
+left, middle, right = wb.panels(4.3, 3.1, 2.7, height=3.3)
+wb.plot_still_going(wb.still_going(log), ax=left)
 order = {"row_order": ["PASS", "CARRY"], "column_order": ["WAIT", "ASK", "THANK"]}
-rate_heat_map(cells, rows="box", columns="when stuck", limits=(0, 1), **order, ax=middle)
-rate_by_round(response_rates(log, {"k": log.k}), measure="push rate", limits=(0, 1), last_round=7, ax=right)
-show(
+wb.rate_heat_map(cells, rows="box", columns="when stuck", limits=(0, 1), **order, ax=middle)
+wb.rate_by_round(wb.response_rates(log, {"k": log.k}), measure="push rate", limits=(0, 1), last_round=7, ax=right)
+wb.show(
     left, own.card.kind,
     "Left: share of people who played each round, by arm. Middle: share of pushes by arm. Right: by round, all arms, with "
     "95% intervals.",
@@ -281,21 +239,21 @@ show(
 # not seen.
 
 # %%
-sampler = NutsSettings(200, 200, 2, SEED) if FAST else NutsSettings(seed=SEED)
-digest = log_digest(log)
-settings = CompareSettings(
+sampler = wb.NutsSettings(200, 200, 2, SEED) if FAST else wb.NutsSettings(seed=SEED)
+digest = wb.log_digest(log)
+settings = wb.CompareSettings(
     restarts=20 if FAST else 60, finalists=5, sampler=sampler, types=(2,), folds=5 if FAST else 10, seed=SEED,
-    evidence=SmcSettings(100 if FAST else 200, 2, moves=2, seed=SEED),
-    moves=SmcSettings(60 if FAST else 200, moves=2, seed=SEED),
+    evidence=wb.SmcSettings(100 if FAST else 200, 2, moves=2, seed=SEED),
+    moves=wb.SmcSettings(60 if FAST else 200, moves=2, seed=SEED),
 )  # fmt: skip
 
 
 def learn(k, held, people):
-    return stored_fit(log, digest, k, pins=held, people=people, sampler=sampler).posterior
+    return wb.stored_fit(log, digest, k, pins=held, people=people, sampler=sampler).posterior
 
 
 # %%
-compared = compare(log, (2,) if FAST else (2, 3), settings=settings, learn=learn)
+compared = wb.compare(log, (2,) if FAST else (2, 3), settings=settings, learn=learn)
 print(compared.sentence)
 for warning in compared.warnings:
     print("warning:", warning)
@@ -303,9 +261,9 @@ for warning in compared.warnings:
 # %%
 best_by = {}
 for criterion, models in compared.indistinct().items():
-    best_by.setdefault(models[0], []).append(CRITERIA[criterion])
-show(
-    elpd_differences(compared.table, best_by), own.card.kind,
+    best_by.setdefault(models[0], []).append(wb.CRITERIA[criterion])
+wb.show(
+    wb.elpd_differences(compared.table, best_by), own.card.kind,
     "How much worse each model predicts people than the best one. *Types* are people who differ and never change.",
 )  # fmt: skip
 
@@ -328,10 +286,10 @@ show(
 # %%
 posterior = learn(2, {}, None)
 print(posterior.gate.sentence)
-told = contraction(posterior)
+told = wb.contraction(posterior)
 print(told.sentence)
-show(
-    contraction_dots(told.table, known=KNOWN, partly=PARTLY), own.card.kind,
+wb.show(
+    wb.contraction_dots(told.table, known=wb.KNOWN, partly=wb.PARTLY), own.card.kind,
     "How much the data say on each entry of the tables: at 0 an entry is its prior, near 1 it is the data.",
 )  # fmt: skip
 
@@ -344,14 +302,14 @@ show(
 # What one action changes, against leaving people alone in the same mode, at the next response:
 
 # %%
-changes = contrasts(posterior)
+changes = wb.contrasts(posterior)
 drawn = [changes.table[changes.table["action"] == action] for action in ("carry", "ask", "thank")]
-for ax, table in zip(panels(4.1, 4.1, 4.1, height=2.4), drawn, strict=True):
-    contrast_by_state(
+for ax, table in zip(wb.panels(4.1, 4.1, 4.1, height=2.4), drawn, strict=True):
+    wb.contrast_by_state(
         table, scale=changes.scale, unit="percentage points", title=table["action"].iloc[0], limits=(-25, 35), ax=ax
     )
 print(*map(changes.sentence_of, ("carry", "ask", "thank")), sep="\n")
-show(
+wb.show(
     ax, own.card.kind, "Change of the chance of a push in the next round, by the state before. Grey: what the prior allowed.",
 )  # fmt: skip
 
@@ -364,8 +322,8 @@ show(
 # No posterior says where it rests on the model rather than on data. The design does:
 
 # %%
-fit = BaumWelch(2, restarts=30 if FAST else 100, seed=SEED).fit(log)
-print(*identification(fit, log).sentences(), sep="\n")
+fit = wb.BaumWelch(2, restarts=30 if FAST else 100, seed=SEED).fit(log)
+print(*wb.identification(fit, log).sentences(), sep="\n")
 
 # %% [markdown]
 # The sentence on constant actions is the one to remember. In this file nobody was asked in one round and thanked in the
@@ -377,9 +335,9 @@ print(*identification(fit, log).sentences(), sep="\n")
 # `Reward.of_values` takes any unit, so long as it is that of the costs.
 
 # %%
-worth = state_scores(fit.model, log)
+worth = wb.state_scores(fit.model, log)
 names = ("reluctant", "willing")
-draws = replace(posterior.draws(), state_names=names, reward=Reward.of_values(worth, unit="points"))
+draws = replace(posterior.draws(), state_names=names, reward=wb.Reward.of_values(worth, unit="points"))
 if FAST:
     draws = draws.thin(200)
 print({name: f"{points:.1f} points a round" for name, points in zip(names, worth, strict=True)}, protocol.costs)
@@ -388,21 +346,21 @@ print({name: f"{points:.1f} points a round" for name, points in zip(names, worth
 # ## A plan for the next person, under doubt
 #
 # Eight rounds, `PSSPSSPS`. Every draw of the posterior has its own best plan; one plan is best on average over all of them
-# ([notebook 07](07_robust_planning.ipynb)). Reward units are points here.
+# ([notebook 07](07_robust_planning.ipynb)). Every value is in points, the unit that the reward was given.
 
 # %%
-study = Schedule.of(draws, "PSSPSSPS")
-best_of_each = own_plans(study)
-plan = solve_schedule(study)
-stability = decision_stability(study, plan)
+study = wb.Schedule.of(draws, "PSSPSSPS")
+best_of_each = wb.own_plans(study)
+plan = wb.solve_schedule(study)
+stability = wb.decision_stability(study, plan)
 share = best_of_each.shares[0]
 print(f"{draws.n_draws} draws, {len(best_of_each.plans)} plans; the most common is best for {share:.0%}.")
-print("Best on average:", " · ".join(acting_words(study, plan.decisions)))
+print("Best on average:", " · ".join(wb.acting_words(study, plan.decisions)))
 print(stability.sentence)
 
 # %%
-show(
-    stability_tree(stability), own.card.kind,
+wb.show(
+    wb.stability_tree(stability), own.card.kind,
     "Every decision of that plan, and the share of the draws that agree. Pushes upwards; bold frames act.",
 )  # fmt: skip
 
@@ -414,10 +372,10 @@ show(
 # %%
 estimate = replace(fit.model, state_names=names, reward=draws.reward)
 chains = None if FAST else posterior.gate.chains
-prices = price(study, standard_candidates(study, plug_in=estimate), optima=best_of_each.values, chains=chains)
+prices = wb.price(study, wb.standard_candidates(study, plug_in=estimate), optima=best_of_each.values, chains=chains)
 print(prices.sentence)
-show(
-    plan_comparison(prices), own.card.kind,
+wb.show(
+    wb.plan_comparison(prices), own.card.kind,
     "Plans side by side, in points a person. *Held-out*: chosen on other draws than those that score it.",
 )  # fmt: skip
 
@@ -428,11 +386,11 @@ show(
 
 # %%
 for name in ("Bayes-adaptive", "plug-in estimate", "fixed sequence"):
-    print(f"{name}:", " · ".join(acting_words(study, prices[name].chosen.plans[0])))
-careful = cautious_plan(study, 0.1)
+    print(f"{name}:", " · ".join(wb.acting_words(study, prices[name].chosen.plans[0])))
+careful = wb.cautious_plan(study, 0.1)
 for chosen, share in zip(careful.plans, careful.share, strict=True):
-    print(f"cautious, {share:.0%}:", " · ".join(acting_words(study, chosen)))
-for flip in flip_points(study):
+    print(f"cautious, {share:.0%}:", " · ".join(wb.acting_words(study, chosen)))
+for flip in wb.flip_points(study):
     print(flip.sentence)
 
 # %% [markdown]
@@ -442,24 +400,24 @@ for flip in flip_points(study):
 # round. Suppose a thousand people will meet the robot afterwards, and a participant costs what 10 points are worth.
 
 # %%
-perfect = perfect_information(study, chains=chains)
+perfect = wb.perfect_information(study, chains=chains)
 print(perfect.sentence)
-again = [Arm.constant(protocol, "PSSPSS", dict(zip(protocol.mode_names, arm, strict=True))) for arm in ARMS]
+again = [wb.Arm.constant(protocol, "PSSPSS", dict(zip(protocol.mode_names, arm, strict=True))) for arm in wb.ARMS]
 nexts = [
-    NextStudy.of_arms("the same six arms", again),
-    NextStudy.of_arms("actions drawn in every round", [Arm.random(protocol, "PSSPSS")]),
+    wb.NextStudy.of_arms("the same six arms", again),
+    wb.NextStudy.of_arms("actions drawn in every round", [wb.Arm.random(protocol, "PSSPSS")]),
 ]
 
 # %%
-data_worth = sample_information(
+data_worth = wb.sample_information(
     study, nexts, (60, 120) if FAST else (60, 120, 240, 480), replicates=10 if FAST else 60, seed=SEED, perfect=perfect,
     served=1000, cost=10,
 )  # fmt: skip
 print(data_worth.sentence)
 best = data_worth.best
 print(f"{best.people} participants pay from {10 * best.people / best.worth:,.0f} people served on.")
-show(
-    information_by_people(data_worth), own.card.kind,
+wb.show(
+    wb.information_by_people(data_worth), own.card.kind,
     "What further participants would be worth, in points for each person who meets the robot later. Dashed: perfect knowledge.",
 )  # fmt: skip
 
@@ -485,11 +443,11 @@ results = ["study", "states"]
 why = "H1: people push more often after the robot has carried for them. H2: willingness changes."
 """
 (folder / "plan.toml").write_text(PLAN)
-brief = [entry for entry in SECTIONS if entry.key in ("provenance", "study", "flow", "states", "limits")]
+brief = [entry for entry in wb.SECTIONS if entry.key in ("provenance", "study", "flow", "states", "limits")]
 with chdir(folder):
-    report = build_report(
-        own, states="2" if FAST else "2,3", seed=SEED, quick=True, out="report", plan=read_analysis_plan("plan.toml"),
-        parts=not FAST, reward=Measured(unit="points"), schedule="PSSPSSPS", sections=brief if FAST else SECTIONS,
+    report = wb.build_report(
+        own, states="2" if FAST else "2,3", seed=SEED, quick=True, out="report", plan=wb.read_analysis_plan("plan.toml"),
+        parts=not FAST, reward=wb.Measured(unit="points"), schedule="PSSPSSPS", sections=brief if FAST else wb.SECTIONS,
     )  # fmt: skip
 print("made:", ", ".join(section.title for section in report.sections if not section.omitted))
 for section in report.sections:
@@ -513,8 +471,8 @@ for section in report.sections:
 # %%
 elsewhere = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(11,)))
 with chdir(folder):
-    write_events(pickers(truth, 120, elsewhere), "second_site.csv.gz")
-    sides = compare_report(
+    wb.write_events(wb.pickers(truth, 120, elsewhere), "second_site.csv.gz")
+    sides = wb.compare_report(
         "study.csv.gz", "second_site.csv.gz", protocol=protocol, states="2", schedule="PSSPSSPS", seed=SEED, quick=True,
         out="report", parts=False,
     )  # fmt: skip
@@ -532,13 +490,14 @@ for section in sides.sections:
 # valued in the truth that made the people:
 
 # %%
-true_reward = Reward.of_values(state_scores(truth, log), unit="points")
-true_study = Schedule.of(ModelDraws.from_models([replace(truth, reward=true_reward)]), "PSSPSSPS")
-ours = PlanPolicy.of(plan, "our plan", left="follow")
+true_reward = wb.Reward.of_values(wb.state_scores(truth, log), unit="points")
+true_study = wb.Schedule.of(wb.ModelDraws.from_models([replace(truth, reward=true_reward)]), "PSSPSSPS")
+ours = wb.PlanPolicy.of(plan, "our plan", left="follow")
 made = {
-    policy.name: evaluate_schedule(policy, true_study).value for policy in (ours, never(protocol), always(protocol))
+    policy.name: wb.evaluate_schedule(policy, true_study).value
+    for policy in (ours, wb.never(protocol), wb.always(protocol))
 }
-made["best plan, were the truth known"] = solve_schedule(true_study).value
+made["best plan, were the truth known"] = wb.solve_schedule(true_study).value
 pd.Series(made).rename("points a person, in truth").round(2).to_frame()
 
 # %% [markdown]

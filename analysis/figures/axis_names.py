@@ -6,9 +6,18 @@ measure, its conditions) stand as they are.
 
 from __future__ import annotations
 
-REWARD, PERSON = "reward units", "reward units a person"
+from models.reward import UNIT
 
-VALUE_OF_SCHEDULE = f"value over the schedule ({PERSON})"
+
+def a_person(unit: str) -> str:
+    """Unit of what a person is worth, where a round is worth so many of `unit`."""
+    return f"{unit} a person"
+
+
+REWARD, PERSON = UNIT, a_person(UNIT)
+
+SCHEDULE_VALUE = "value over the schedule"
+VALUE_OF_SCHEDULE = f"{SCHEDULE_VALUE} ({PERSON})"
 
 UNITS = (
     "nats", "2 \N{MULTIPLICATION SIGN} nats", REWARD, PERSON, "reward units a decision", "unit of the charges",
@@ -34,7 +43,7 @@ QUANTITIES = (
     "root mean square error", "standard deviations from the mean of simulated studies",
     "change", "change of the next response", "power",
     # Worth
-    "value", "value over the schedule", "value without horizon", "value lost", "reward of the state",
+    "value", SCHEDULE_VALUE, "value without horizon", "value lost", "reward of the state",
     "expected loss", "difference in value", "expected cost, or limit on it", "tolerance", "worth of knowing",
     "worth of the data", "worth of the data, at least", "gap between the bounds, relative to the value",
     "times a person is moved", "times a person is moved to another state than if left alone",

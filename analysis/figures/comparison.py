@@ -32,6 +32,8 @@ def elpd_differences(
 ) -> Axes:
     """One row a model: its elpd below the best, by LOO and by k-fold, and at the right the criteria that choose it.
 
+    K-fold is drawn for the models that have it; where none has, LOO stands alone in the middle of its row.
+
     Parameters
     ----------
     table : DataFrame
@@ -46,7 +48,9 @@ def elpd_differences(
     n = len(table)
     ax = axes(7.2, 1.2 + 0.36 * n) if ax is None else ax
     row = np.arange(n)
-    for column, error, label, colour, marker, shift in SERIES:
+    series = [one for one in SERIES if table[one[0]].notna().any()]
+    for column, error, label, colour, marker, aside in series:
+        shift = aside if len(series) > 1 else 0.0
         values, half = table[column].to_numpy(float), errors * table[error].to_numpy(float)
         ax.hlines(row + shift, values - half, values + half, color=colour, linewidth=1.6)
         ax.plot(values, row + shift, marker, color=colour, linestyle="none", markersize=5.5, label=label)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
-from analysis.figures.axis_names import PERSON, with_unit
+from analysis.figures.axis_names import a_person, with_unit
 from analysis.figures.style import COLOURS, FAINT, INK, LINES, MARKERS, above, axes, styled
 from models.robust.block_smoother import block_words
 from models.robust.block_worth import PartialInformation
@@ -55,7 +55,7 @@ def information_by_block(found: PartialInformation, *, title: str = "", ax: Axes
     ax.set_yticks(at, [block_words(r.block) for r in rows])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(len(rows) - 0.45, -0.55)
-    ax.set(xlabel=with_unit("worth of knowing", PERSON), title=title)
+    ax.set(xlabel=with_unit("worth of knowing", a_person(found.unit)), title=title)
     ax.grid(axis="x")
     ax.legend(**above(ax, title))
     return ax
@@ -112,7 +112,8 @@ def information_by_people(
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.set_ylim(0, 1.08 * top if top > 0 else 1.0)
     bound = "" if all(one.exact for one in several) else ", at least"
-    ax.set(xlabel="further people", ylabel=with_unit(f"worth of the data{bound}", PERSON, lines=True), title=title)
+    worth_of_data = with_unit(f"worth of the data{bound}", a_person(several[0].unit), lines=True)
+    ax.set(xlabel="further people", ylabel=worth_of_data, title=title)
     ax.grid(axis="y")
     ax.legend(
         loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, alignment="left",

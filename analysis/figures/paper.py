@@ -36,7 +36,7 @@ def distances_from_print(
     shown = np.clip(distance, -FARTHEST, FARTHEST)
     ax.hlines(row, 0, shown, color=FAINT, linewidth=0.7)
     for which, colour, marker, name in (
-        (~differs, COLOURS[0], "o", "ours, agrees"),
+        (~differs, COLOURS[0], "o", "ours, compatible or the same"),
         (differs, COLOURS[1], "s", "ours, differs"),
     ):
         inside = which & (np.abs(distance) <= FARTHEST)

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from analysis.figures.axis_names import PERSON, VALUE_OF_SCHEDULE, with_unit
+from analysis.figures.axis_names import PERSON, SCHEDULE_VALUE, VALUE_OF_SCHEDULE, a_person, with_unit
 from analysis.figures.several import Panels, legend_of_all, panels, words_below
 from analysis.figures.style import COLOURS, FAINT, INK, LINES, MARKERS, RULE, SEQUENTIAL, axes, spoken, styled
 
@@ -73,7 +73,7 @@ def plan_comparison(prices: PriceList, *, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(len(shown)), [p.name for p in shown])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.6, len(shown) - 0.4)
-    ax.set_xlabel(VALUE_OF_SCHEDULE)
+    ax.set_xlabel(with_unit(SCHEDULE_VALUE, a_person(prices.schedule.unit)))
     ax.grid(axis="x")
     handles = [
         Line2D([], [], linestyle="", marker="o", color=COLOURS[0], label="mean of the draws"),
@@ -93,6 +93,7 @@ def caution(frontiers: Mapping[str, Frontier], *, ax: Any = None) -> Panels:
     Parameters
     ----------
     frontiers : mapping of setting to Frontier
+        All in one unit.
     ax : array of Axes, shape [2], optional
 
     Raises
@@ -119,8 +120,9 @@ def caution(frontiers: Mapping[str, Frontier], *, ax: Any = None) -> Panels:
         one.set_title(title)
         one.grid(axis="y")
         one.set_ylim(bottom=min(0.0, one.get_ylim()[0]))
+    unit = next((a_person(found.schedule.unit) for found in frontiers.values()), PERSON)
     for one in made[:1] if own else made:
-        one.set_ylabel(with_unit("difference in value", PERSON, lines=True))
+        one.set_ylabel(with_unit("difference in value", unit, lines=True))
     words_below(made, own, "share of the draws that counts (all: the mean; few: caution)")
     legend_of_all(made, own, handles, "outside upper left", ncols=len(frontiers))
     return made

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from analysis.report.analysis_plan import AnalysisPlan
+from analysis.report.compared_models import scope
 from analysis.report.context import ReportContext, versions
 from analysis.report.methods import methods_paragraph
 from analysis.report.output_map import Output
@@ -36,7 +37,7 @@ def appendix(context: ReportContext, outputs: Sequence[Output], plan: AnalysisPl
         blocks.append(Part("The analysis plan", "analysis-plan", (_plan_text(plan, outputs), _plan(plan))))
     software = pd.DataFrame(list(versions().items()), columns=["software", "version"])
     settings = (
-        _settings(context), Table("versions", software, "Software", (Origin.DEFINITION,), facts=True)
+        _settings(context, outputs), Table("versions", software, "Software", (Origin.DEFINITION,), facts=True)
     )  # fmt: skip
     blocks.append(Part("Settings and software", "settings-and-software", settings))
     blocks.append(Part("What makes which figure and table", "what-makes-what", (_map(outputs),), folded=True))
@@ -71,7 +72,7 @@ def _map(outputs: Sequence[Output]) -> Table:
     return Table("output-map", pd.DataFrame(rows), caption, (Origin.DEFINITION,))
 
 
-def _settings(context: ReportContext) -> Table:
+def _settings(context: ReportContext, outputs: Sequence[Output]) -> Table:
     study = context.study
     rows = [_fit_row("longer search", list(study.fits), [f.settings for f in study.fits.values()])]
     if study.paper_fits:
@@ -81,10 +82,13 @@ def _settings(context: ReportContext) -> Table:
         settings = context.effort.for_bootstrap(study.fits[k]).settings
         row = _fit_row(f"bootstrap, {bootstrap.replicates} replicates", [k], [settings])
         rows.append(row | {"restarts": "3 a replicate", "finalists": "all", "screening": "–"})
-    for name, main in (("posterior", True), ("posterior, other kappa", False)):
+    samples = [("posterior", True, context.shown_states), ("posterior, other kappa", False, context.shown_states)]
+    if any(output.block.key == "comparison-loo" for output in outputs):
+        samples.insert(1, ("posterior, models compared", True, scope(context).sizes))
+    for name, main, sizes in samples:
         sampler = context.effort.sampler(context.seed, main)
         row = dict.fromkeys(rows[0], "–")
-        row |= {"fit": name, "states": ", ".join(map(str, context.shown_states)), "seed": str(sampler.seed)}
+        row |= {"fit": name, "states": ", ".join(map(str, sizes)), "seed": str(sampler.seed)}
         row |= {"restarts": f"{sampler.chains} chains", "screening": f"{sampler.tune:,} tuning"}
         rows.append(row | {"cap": f"{sampler.draws:,} draws", "estimate": "NUTS sample"})
     caption = (

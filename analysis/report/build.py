@@ -25,6 +25,7 @@ from analysis.report.pdf import to_pdf
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.render import PageHead, page_keys, render
 from analysis.report.section import Section
+from analysis.report.summary import summarised
 from analysis.report.units import in_unit
 from analysis.stated_reward import Asked, StatedReward, stated_reward
 from analysis.stored_results import stored_result
@@ -178,7 +179,8 @@ def build_report(
     if parts:
         told = methods_paragraph(context, {o.block.key for o in outputs})
         status = None if plan is None else plan.status
-        written = write_parts(output_map(made, modules, status), drawings, folder / PARTS_NAME, told)
+        summary = [answer.line for answer in summarised(made)]
+        written = write_parts(output_map(made, modules, status), drawings, folder / PARTS_NAME, told, summary)
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds

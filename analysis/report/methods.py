@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from analysis.comparison_words import listed
+from analysis.report.compared_models import scope
 from analysis.report.context import ReportContext, versions
 from analysis.report.own_reward import planned_states, rounds_of
 from analysis.report.section import NotSupported, Origin
-from analysis.report.sections import safeguards, sensitivity, sensitivity_own
+from analysis.report.sections import comparison, safeguards, sensitivity, sensitivity_own
 from analysis.sensitivity import READING_WORDS
 from analysis.wording import counted
 from models.glmm import DEFAULT_NODES
@@ -40,8 +42,9 @@ def methods_paragraph(context: ReportContext, shown: Collection[str] = ()) -> st
         f"We analysed {counted(log.n_responses_recorded, 'recorded response')} in "
         f"{counted(log.n_runs, 'run')} of {who}{origin}{picked} with the latent-state model of {ARTICLE}: a hidden "
         "Markov model whose transitions depend on the robot's action and whose responses depend on the state "
-        f"before the transition. {_fitted(context, shown)}{held}{_sampled(context, shown)}{_tested(shown)}"
-        f"{_planned(shown)}{_worth(context)}{_depends(context, shown)}{_guarded(context, shown)} "
+        f"before the transition. {_fitted(context, shown)}{held}{_sampled(context, shown)}"
+        f"{_compared(context, shown)}{_tested(shown)}{_planned(shown)}{_worth(context)}{_depends(context, shown)}"
+        f"{_guarded(context, shown)} "
         f"Analyses were run with the prosocial workbench {own['prosocial-workbench']} (Python "
         f"{own['python']}, numpy {own['numpy']}, numba {own['numba']}, nutpie {own['nutpie']}); the content of the "
         f"data has SHA-256 {context.data.digest[:16]}.{quick}"
@@ -73,9 +76,11 @@ def _fitted(context: ReportContext, shown: Collection[str]) -> str:
 
 
 def _sizes(numbers: Sequence[int]) -> str:
-    if len(numbers) == 1:
-        return counted(numbers[0], "state")
-    return f"{', '.join(map(str, numbers[:-1]))} and {numbers[-1]} states"
+    return f"{_numbers(numbers)} {'state' if tuple(numbers) == (1,) else 'states'}"
+
+
+def _numbers(numbers: Sequence[int]) -> str:
+    return listed([str(k) for k in numbers], "and")
 
 
 def _sampled(context: ReportContext, shown: Collection[str]) -> str:
@@ -92,6 +97,30 @@ def _sampled(context: ReportContext, shown: Collection[str]) -> str:
     )
     if _any(shown, "checks-"):
         text += " The model was checked by comparing the data with studies simulated from the posterior."
+    return text
+
+
+def _compared(context: ReportContext, shown: Collection[str]) -> str:
+    """Which models were compared by whom they predict, if that is shown."""
+    if "comparison-loo" not in shown:
+        return ""
+    compared, sampler = scope(context), context.effort.sampler(context.seed)
+    models = [f"latent-state models ({_sizes(compared.sizes)})"] if compared.sizes else []
+    models += ["one state", "first-order Markov dependence on the last response"]
+    models.append(f"{_numbers(compared.types)} types of people who never change")
+    for k in compared.differing:
+        models.append(
+            f"people with an intercept of their own {f'beside {_sizes((k,))}' if k > 1 else 'and no state'}"
+        )
+    text = (
+        f" We compared {listed(models, 'and')} by leave-one-person-out cross-validation (Pareto-smoothed "
+        f"importance sampling; {sampler.chains} chains of {sampler.draws:,} draws each; differences by person)."
+    )
+    if "comparison-checks" in shown:
+        text += (
+            f" As far as cost allowed, {comparison.FOLDS}-fold cross-validation over people and the marginal "
+            "likelihood by sequential Monte Carlo were added."
+        )
     return text
 
 

@@ -2,14 +2,14 @@ r"""Every table and figure of a report as files of their own: CSV and LaTeX, SVG
 
 ``parts/index.csv`` says of each what it shows, where its numbers come from and what made it. CSV files hold the
 numbers as they were computed; LaTeX files hold what the page shows, with a caption that names the origin, in plain
-ASCII: `\input` them in a document that loads ``booktabs``.
+ASCII: `\input` them in a document that loads the packages that their first lines name (`analysis.report.latex`).
+``summary.txt`` has the sentences of the report's head.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import re
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -20,37 +20,16 @@ from typing import Any
 import pandas as pd
 
 from analysis.report.drawings import Drawings
+from analysis.report.latex import latex
 from analysis.report.output_map import Output
-from analysis.report.render import rows
+from analysis.report.render import prose
 from analysis.report.section import Figure, Table
 from models.errors import Phrase, located
 from models.model_files import write_bytes, write_text
 
 INDEX = "index.csv"
 METHODS = "methods.txt"
-
-ASCII = {
-    "\N{MINUS SIGN}": "$-$", "\N{EN DASH}": "--", "\N{EM DASH}": "---", "\N{INFINITY}": r"$\infty$",
-    "\N{MULTIPLICATION SIGN}": r"$\times$", "\N{PLUS-MINUS SIGN}": r"$\pm$",
-    "\N{LESS-THAN OR EQUAL TO}": r"$\le$", "\N{GREATER-THAN OR EQUAL TO}": r"$\ge$",
-    "\N{RIGHTWARDS ARROW}": r"$\rightarrow$", "\N{MIDDLE DOT}": r"$\cdot$",
-    "\N{GREEK CAPITAL LETTER DELTA}": r"$\Delta$",
-    "\N{GREEK SMALL LETTER KAPPA}": r"$\kappa$", "\N{GREEK SMALL LETTER ALPHA}": r"$\alpha$",
-    "\N{GREEK SMALL LETTER CHI}": r"$\chi$", "\N{GREEK SMALL LETTER ETA}": r"$\eta$",
-    "\N{GREEK SMALL LETTER SIGMA}": r"$\sigma$", "\N{GREEK SMALL LETTER BETA}": r"$\beta$",
-    "\N{GREEK SMALL LETTER EPSILON}": r"$\epsilon$", "\N{GREEK SMALL LETTER GAMMA}": r"$\gamma$",
-    "\N{GREEK SMALL LETTER RHO}": r"$\rho$", "\N{GREEK SMALL LETTER LAMDA}": r"$\lambda$",
-    "\N{SUPERSCRIPT TWO}": "$^2$", "\N{HORIZONTAL ELLIPSIS}": r"\ldots{}", "\N{DEGREE SIGN}": r"$^\circ$",
-    "\N{LEFT SINGLE QUOTATION MARK}": "`", "\N{RIGHT SINGLE QUOTATION MARK}": "'",
-    "\N{LEFT DOUBLE QUOTATION MARK}": "``", "\N{RIGHT DOUBLE QUOTATION MARK}": "''", "\N{NO-BREAK SPACE}": "~",
-}  # fmt: skip
-"""What LaTeX writes for signs beyond ASCII."""
-
-SPECIAL = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "|": "$|$",
-}  # fmt: skip
-
+SUMMARY = "summary.txt"
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How a cell begins that spreadsheets take for a formula."""
@@ -85,7 +64,9 @@ def check_parts_folder(folder: Path) -> None:
         raise located(f"{folder}", Phrase("a file"), "no such name: the parts of the report go there")
 
 
-def write_parts(outputs: Sequence[Output], drawings: Drawings, folder: Path, methods: str) -> Written:
+def write_parts(
+    outputs: Sequence[Output], drawings: Drawings, folder: Path, methods: str, summary: Sequence[str] = ()
+) -> Written:
     """Write every figure and table, complete before they replace those of the report before.
 
     Parameters
@@ -98,6 +79,8 @@ def write_parts(outputs: Sequence[Output], drawings: Drawings, folder: Path, met
         Replaced.
     methods : str
         The paragraph on methods.
+    summary : sequence of str
+        Lines of the summary; without any there is no such file.
 
     Raises
     ------
@@ -118,6 +101,8 @@ def write_parts(outputs: Sequence[Output], drawings: Drawings, folder: Path, met
             index.append({**output.row(), "files": " ".join(files), "caption": block.caption})
         write_text(fresh / INDEX, _csv(pd.DataFrame(index)))
         write_text(fresh / METHODS, methods + "\n")
+        if summary:
+            write_text(fresh / SUMMARY, "\n".join(map(prose, summary)) + "\n")
         fresh.chmod(0o755)
         old = folder.with_name(f"{fresh.name}.old")
         if folder.exists():
@@ -172,49 +157,3 @@ def no_formula(value: Any) -> Any:
     except ValueError:
         return f"'{value}"
     return value
-
-
-def latex(table: Table) -> str:
-    """A table as LaTeX (booktabs): what the page shows, its origin in the caption.
-
-    Parameters
-    ----------
-    table : Table
-    """
-    columns = list(table.frame.columns)
-    align = "".join("r" if c in table.formats else "l" for c in columns)
-    origin = ", ".join(o.label for o in table.origin)
-    head = [
-        escaped(table.headings.get(c, str(c)) + (" (printed in the paper)" if c in table.printed else ""))
-        for c in columns
-    ]
-    lines = [
-        f"% {table.key}: {origin}",
-        r"\begin{table}",
-        rf"\caption{{[{escaped(origin)}] {escaped(table.caption)}}}",
-        rf"\label{{tab:{table.key}}}",
-        rf"\begin{{tabular}}{{{align}}}",
-        r"\toprule",
-    ]
-    if table.groups:
-        spans = [rf"\multicolumn{{{n}}}{{c}}{{{escaped(heading)}}}" for heading, n in table.groups]
-        lines.append(" & ".join(spans) + r" \\")
-    if not table.facts:
-        lines += [" & ".join(head) + r" \\", r"\midrule"]
-    # A bracket after the end of a row would be read as the space to leave there.
-    texts = [" & ".join(escaped(cell["text"]) for cell in row) for row in rows(table)]
-    lines += [("{}" if text.startswith("[") else "") + text + r" \\" for text in texts]
-    lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}"]
-    return "\n".join(lines) + "\n"
-
-
-def escaped(text: str) -> str:
-    r"""Text as LaTeX, in ASCII; signs without a name in `ASCII` are given by number.
-
-    Examples
-    --------
-    >>> escaped("−3 % of s_1 → ∞")
-    '$-$3 \\% of s\\_1 $\\rightarrow$ $\\infty$'
-    """
-    out = "".join(SPECIAL.get(c) or ASCII.get(c) or c for c in re.sub(r"\s+", " ", str(text)))
-    return "".join(c if ord(c) < 128 else rf"\symbol{{{ord(c)}}}" for c in out)

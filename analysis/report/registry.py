@@ -9,6 +9,7 @@ from analysis.report.context import ReportContext
 from analysis.report.section import Block, NotSupported, Section
 from analysis.report.sections import (
     anova,
+    comparison,
     evidence,
     flow,
     held_out,
@@ -59,6 +60,7 @@ SECTIONS: tuple[Entry, ...] = (
     Entry("states", "How many states?", states.make),
     Entry("model", "The learned model", learned.make),
     Entry("uncertainty", "How sure are we?", uncertainty.make),
+    Entry("comparison", "Which model?", comparison.make),
     Entry("people", "Do people differ?", people.make),
     Entry("held-out", "What a model says of conditions it has not seen", held_out.make),
     Entry("regression", "The regression", regression.make),

@@ -20,6 +20,7 @@ from analysis.report.drawings import Drawings
 from analysis.report.letters import Letters
 from analysis.report.output_map import numbers
 from analysis.report.section import Figure, Origin, Part, Section, Table
+from analysis.report.summary import summarised
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS = "\N{MINUS SIGN}"
@@ -92,6 +93,7 @@ def render(
     return page.render(
         sections=sections,
         head=head,
+        answers=summarised(sections),
         number=numbers(sections),
         status=status or {},
         panels=partial(panels, letters=letters, drawings=drawings or Drawings(), names=ShortNames()),

@@ -41,6 +41,17 @@ class Origin(Enum):
         return {"real": cls.REAL, "simulated": cls.SIMULATED}.get(kind, cls.UNSTATED)
 
 
+class Question(Enum):
+    """What a reader wants to know first, in this order; the value is what stands before the answer."""
+
+    PEOPLE = "Who took part"
+    EFFECT = "What the robot's actions change"
+    STATES = "How many states"
+    KNOWN = "What is known of the model"
+    PLAN = "What the robot should do"
+    PAPER = "What differs from the paper"
+
+
 type Drawing = Callable[[], Drawn]
 
 
@@ -148,6 +159,33 @@ class Text:
     kind: str = "plain"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Headline(Text):
+    """What a section found, in one sentence with its uncertainty, for the head of the report.
+
+    It is not shown where it stands: the section says the same at length. `kind` is ``plain``, ``open`` where the
+    data cannot decide, or ``warning`` where the numbers are not to be relied on.
+
+    Attributes
+    ----------
+    question : Question
+    origin : tuple of Origin
+    about : str
+        What the sentence holds for, such as ``4 states``, where the section has one sentence for each of several.
+    """
+
+    question: Question
+    origin: tuple[Origin, ...]
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.origin or not self.text:
+            raise ValueError(f"headline {self.question.value!r}: a sentence and an origin are required")
+        if self.kind not in ("plain", "open", "warning"):
+            wanted = "plain, open or warning"
+            raise ValueError(f"headline {self.question.value!r}: kind {self.kind!r} is not {wanted}")
+
+
 @dataclass(frozen=True)
 class Points:
     """A list of sentences under an optional lead."""
@@ -216,9 +254,11 @@ class Section:
 
     @property
     def sentences(self) -> list[str]:
-        """Paragraphs and list items, in order."""
+        """Paragraphs and list items, in order; headlines stand elsewhere."""
         out: list[str] = []
         for block in self.flat():
+            if isinstance(block, Headline):
+                continue
             out += (
                 [block.text] if isinstance(block, Text) else list(block.items) if isinstance(block, Points) else []
             )

@@ -1,4 +1,8 @@
-"""The unit of the reward in the words and figures of a report: points, say, where values are not reward units."""
+"""The unit of the reward in the words and figures of a report: points, say, where values are not reward units.
+
+Results name their own unit, in sentences, views and most of their figures. What is left is said by the sections
+themselves (headings, captions, what a table is of) and by axes that are drawn from bare numbers.
+"""
 
 from __future__ import annotations
 

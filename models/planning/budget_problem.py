@@ -95,7 +95,8 @@ def budget_problem(
         initial[m * n + top] = belief
     problem = Problem(
         tuple(names), tuple(s for s in plain.states for _ in range(n)), tuple(choices), plain.observations,
-        tuple(initial), discount, f"interaction with a budget of {budget:g}",
+        tuple(initial), discount, f"interaction with a budget of {budget:g}", unit=plain.unit,
+        cautions=plain.cautions,
     )  # fmt: skip
     start = np.where(process.start > 0, np.arange(modes) * n + top, -1)
     product_modes = ProductModes(

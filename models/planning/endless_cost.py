@@ -158,8 +158,8 @@ class EndlessCostFrontier(NotebookView):
         free, full = self.points[0], self.points[-1]
         return (
             f"Without horizon (discount {self.problem.discount:g}) an expected discounted cost of {full.cost:.4g} "
-            f"raises the value from {free.value:.4g} to {full.value:.4g} reward units; no policy of equal cost is "
-            f"worth {self.gap:.3g} more than the mixtures found ({len(self.points)} corners)."
+            f"raises the value from {free.value:.4g} to {full.value:.4g} {self.problem.unit}; no policy of equal "
+            f"cost is worth {self.gap:.3g} more than the mixtures found ({len(self.points)} corners)."
         )
 
 

@@ -22,6 +22,7 @@ from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Policy, Vocabulary
 from models.planning.product_policy import ProductPolicy
 from models.planning.schedule import Schedule
+from models.reward import UNIT
 
 MOST_HISTORIES = 1_000_000
 """Histories with a memory of their own that one event may have."""
@@ -36,14 +37,14 @@ class ScheduleValue(NotebookView):
     policy, schedule : str
     discount : float
     value : float
-        :math:`E \sum_k g^k R(s_k, a_k)` in reward units.
+        :math:`E \sum_k g^k R(s_k, a_k)` in `unit`.
     help_rate : float
         Mean over events that show a response of the expected score of the response (published: the probability
         that the human helps). NaN where no event shows one.
     costly_actions : float
         Expected number of actions other than the null action of their mode.
     cost : float
-        Expected sum of the costs of the actions, not discounted, in reward units.
+        Expected sum of the costs of the actions, not discounted, in `unit`.
     state_path : float64[k, s]
         :math:`P(s_k)` in truth, before event `k`; the last row after the last event.
     belief_path : float64[k, y] or None
@@ -52,6 +53,10 @@ class ScheduleValue(NotebookView):
         Probability of each action, by event.
     values, help_rates, costly : float64[d]
         `value`, `help_rate` and `costly_actions` in each draw.
+    unit : str
+        What values and costs are in: the word of the reward.
+    cautions : tuple of str
+        Those of what is taken for the truth (`models.cautions`).
     """
 
     policy: str
@@ -67,6 +72,8 @@ class ScheduleValue(NotebookView):
     values: Array = field(repr=False)
     help_rates: Array = field(repr=False)
     costly: Array = field(repr=False)
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @property
     def table(self) -> Any:
@@ -82,7 +89,7 @@ class ScheduleValue(NotebookView):
         helps = "" if np.isnan(self.help_rate) else f" people help in {self.help_rate:.1%} of the rounds they can,"
         return (
             f"{self.policy} over {self.schedule} (discount {self.discount:g}):{helps} {self.costly_actions:.2g} "
-            f"costly actions, worth {self.value:.4g} reward units."
+            f"costly actions, worth {self.value:.4g} {self.unit}."
         )
 
 
@@ -250,6 +257,7 @@ class _Sums:
         return ScheduleValue(
             policy.name, s.letters, s.discount, float(w @ self.value), float(w @ rate), float(w @ self.costly),
             float(w @ self.cost), self.states, beliefs, tuple(self.actions), self.value, rate, self.costly,
+            unit=s.unit, cautions=s.cautions,
         )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from models.planning.belief_model import BeliefModel
 from models.planning.belief_policy import BeliefPolicy
 from models.planning.policies import Array, Index, Policy, Vocabulary
 from models.planning.problem import Problem
+from models.reward import UNIT
 
 MOST_MEMORIES = 20_000
 """Memories that are looked for before a policy is taken to have no end of them."""
@@ -50,7 +51,7 @@ class InfiniteValue(NotebookView):
     ----------
     policy : str
     value : float
-        In reward units, before the first mode is seen.
+        In `unit`, before the first mode is seen.
     error : float
         `value` is off by no more than that (rounding, or the end of an iteration).
     by_start : dict of str to float
@@ -60,6 +61,10 @@ class InfiniteValue(NotebookView):
         Memories that the policy can get into.
     frequencies : dict of str to float
         Discounted share of the steps, :math:`(1 - \gamma) \sum_k \gamma^k P(a_k = a)`, of each action.
+    unit : str
+        What the value is in: the word of the problem.
+    cautions : tuple of str
+        Those of the problem (`models.cautions`).
     """
 
     policy: str
@@ -69,6 +74,8 @@ class InfiniteValue(NotebookView):
     discount: float
     memories: int
     frequencies: dict[str, float]
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @property
     def table(self) -> Any:
@@ -82,7 +89,7 @@ class InfiniteValue(NotebookView):
     def sentence(self) -> str:
         """The result in one sentence."""
         return (
-            f"{self.policy} is worth {self.value:.4g} reward units without horizon (discount {self.discount:g}), "
+            f"{self.policy} is worth {self.value:.4g} {self.unit} without horizon (discount {self.discount:g}), "
             f"exactly up to {self.error:.1g}."
         )
 
@@ -145,7 +152,7 @@ def infinite_value(policy: Policy, problem: Problem) -> InfiniteValue:
     by_start = {name: float(belief @ values[base[i] : base[i + 1]]) for name, i, belief in begun}
     return InfiniteValue(
         policy.name, float(start @ values), error, by_start, problem.discount, len(nodes),
-        dict(sorted(frequencies.items())),
+        dict(sorted(frequencies.items())), problem.unit, problem.cautions,
     )  # fmt: skip
 
 

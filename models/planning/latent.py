@@ -19,7 +19,7 @@ from models.planning.arrays import Array, ProblemArrays, arrays_of
 from models.planning.mode_process import ModeProcess, alternating
 from models.planning.problem import EXACT, Branch, Choice, Problem, csr
 from models.protocol import NO_RESPONSE, Protocol
-from models.reward import Reward, default_x
+from models.reward import UNIT, Reward, default_x
 
 DISCOUNT = 0.95
 """Discount of the repeated interaction; the paper prints none."""
@@ -45,15 +45,16 @@ def latent_problem(
         If the process is of another number of modes, or the discount is out of range.
     """
     process = process or alternating(model.protocol)
-    return _problem(
+    problem = _problem(
         model.protocol, process, model.initial, model.transition, model.emission, model.reward_table(), discount,
-        model.state_names, name or "interaction",
+        model.state_names, name or "interaction", model.reward.unit,
     )  # fmt: skip
+    return replace(problem, cautions=model.cautions) if model.cautions else problem
 
 
 def _problem(
     protocol: Protocol, process: ModeProcess, initial: Array, transition: Array, emission: Array, reward: Array,
-    discount: float, state_names: tuple[str, ...], name: str, *, full: bool = False,
+    discount: float, state_names: tuple[str, ...], name: str, unit: str, *, full: bool = False,
 ) -> Problem:  # fmt: skip
     """One problem; `full` stores zeros too, so that every draw of a batch has its entries in the same places."""
     _check_modes(protocol, process)
@@ -81,7 +82,7 @@ def _problem(
     modes = tuple(m.name for m in protocol.modes)
     return Problem(
         modes, (state_names,) * len(modes), tuple(choices), (NO_RESPONSE, *protocol.response_names), start,
-        discount, name,
+        discount, name, unit=unit,
     )  # fmt: skip
 
 
@@ -133,6 +134,16 @@ class LatentBatch:
     def __len__(self) -> int:
         return self.draws.n_draws
 
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Why not to trust the draws (`models.cautions`)."""
+        return self.draws.cautions
+
+    @property
+    def unit(self) -> str:
+        """What values are in: the word of the draws' reward."""
+        return self.draws.reward.unit if self.draws.reward is not None else UNIT
+
     @cached_property
     def _reward(self) -> Array:
         reward = self.draws.reward or Reward(default_x(self.draws.n_states))
@@ -152,7 +163,7 @@ class LatentBatch:
         names = draws.state_names or tuple(f"s{i}" for i in range(draws.n_states))
         return _problem(
             draws.protocol, self.process, draws.initial[d], draws.transition[d], draws.emission[d], self._reward,
-            self.discount, names, f"draw {d}", full=True,
+            self.discount, names, f"draw {d}", self.unit, full=True,
         )  # fmt: skip
 
     def problem(self, d: int) -> Problem:

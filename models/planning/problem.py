@@ -26,6 +26,7 @@ from scipy import sparse
 from models.errors import InputError, Phrase, located
 from models.planning.belief_check import IMPOSSIBLE, TOLERANCE, checked_belief
 from models.planning.reachable import Stakes, stakes_of
+from models.reward import UNIT
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,10 @@ class Problem:
     name : str
     costs : bool
         The source gave costs; rewards here are their negatives.
+    unit : str
+        What rewards are in, in the plural. Words only; no number depends on it.
+    cautions : tuple of str
+        Why not to trust the model behind it (`models.cautions`).
 
     Raises
     ------
@@ -110,6 +115,8 @@ class Problem:
     discount: float
     name: str = "problem"
     costs: bool = False
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         place = self.name

@@ -18,6 +18,7 @@ from models.notebook_view import NotebookView
 from models.planning.belief_model import BeliefModel
 from models.planning.policies import Array, Index, Policy, Vocabulary, grouped
 from models.planning.problem import Problem
+from models.reward import UNIT
 
 DEFAULT_SEED = 1
 
@@ -33,7 +34,7 @@ class SimulatedValue(NotebookView):
     ----------
     policy : str
     value : float
-        Mean of :math:`\sum_{k<H} \gamma^k R_k` over runs, in reward units.
+        Mean of :math:`\sum_{k<H} \gamma^k R_k` over runs, in `unit`.
     error : float
         Standard error of the mean.
     low, high : float
@@ -50,6 +51,10 @@ class SimulatedValue(NotebookView):
     frequencies : dict of str to float
         Share of the steps, discounted, of each action.
     returns : float64[run]
+    unit : str
+        What the value is in: the word of the problem.
+    cautions : tuple of str
+        Those of the problem (`models.cautions`).
     """
 
     _whose = "simulated"
@@ -68,6 +73,8 @@ class SimulatedValue(NotebookView):
     discount: float
     frequencies: dict[str, float]
     returns: Array = field(repr=False)
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @property
     def table(self) -> Any:
@@ -81,7 +88,7 @@ class SimulatedValue(NotebookView):
     def sentence(self) -> str:
         """The result in one sentence."""
         return (
-            f"{self.policy} was worth {self.value:.4g} reward units in {self.runs} simulated runs of {self.steps} "
+            f"{self.policy} was worth {self.value:.4g} {self.unit} in {self.runs} simulated runs of {self.steps} "
             f"steps (discount {self.discount:g}, seed {self.seed}); {self.level:.0%} interval {self.low:.4g} to "
             f"{self.high:.4g}."
         )
@@ -243,5 +250,6 @@ def _simulate(policy: Policy, world: _World, runs: int, steps: int, level: float
     total = sum(counts.values())
     return SimulatedValue(
         policy.name, value, error, value - half, value + half, level, left, rounding, runs, steps, seed, discount,
-        {a: counts[a] / total for a in sorted(counts)}, returns,
+        {a: counts[a] / total for a in sorted(counts)}, returns, world.problem.unit,
+        world.problem.cautions,
     )  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from models.errors import InputError, Phrase, located
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
+from models.notebook_view import NotebookView
 from models.planning.mode_process import schedule_modes
 from models.protocol import Mode, Protocol
 from models.reward import UNIT, Reward, default_x
@@ -23,7 +24,7 @@ Event = tuple[str, str | None]
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Schedule(NotebookView):
     r"""Rounds whose modes are known beforehand, worth :math:`\sum_{k<K} g^k R(s_k, a_k) + g^K F(s_K)`.
 
     Attributes
@@ -91,6 +92,16 @@ class Schedule:
         end = None if terminal is None else np.asarray(terminal, dtype=np.float64)
         return cls(draws, schedule_modes(draws.protocol, schedule), float(discount), end)
 
+    @property
+    def sentence(self) -> str:
+        """What is planned for, in one sentence."""
+        n, draws = self.n_events, self.draws.n_draws
+        end = "" if self.terminal is None else ", the state after them rewarded"
+        return (
+            f"{n} event{'s' * (n != 1)} {self.letters} under {draws:,} model{'s' * (draws != 1)} with "
+            f"{self.n_states} states (protocol {self.protocol.name}), discount {self.discount:g}{end}."
+        )
+
     # -- sizes and names ---------------------------------------------------------------------------
     @property
     def protocol(self) -> Protocol:
@@ -128,6 +139,11 @@ class Schedule:
     def reward(self) -> Array:
         """Reward of every action in every state, shape ``[a, s]``."""
         return (self.draws.reward or Reward(default_x(self.n_states))).table(self.protocol)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Why not to trust the draws (`models.cautions`)."""
+        return self.draws.cautions
 
     @property
     def unit(self) -> str:

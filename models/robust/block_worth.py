@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from models.notebook_view import NotebookView
+from models.reward import UNIT
 from models.robust.block_smoother import block_words
 
 FEWEST_DRAWS = 100
@@ -44,6 +45,10 @@ class BlockWorth(NotebookView):
     exact : bool
         Whether the draws are all that is believed and each block was compared with the others: `worth` and
         `in_sample` are then the same number, without an error.
+    unit : str
+        What worths are in: the word of the reward.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     block: str
@@ -54,6 +59,8 @@ class BlockWorth(NotebookView):
     cells: int
     probabilities: int
     exact: bool = False
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @property
     def fixed(self) -> str:
@@ -69,10 +76,10 @@ class BlockWorth(NotebookView):
         if self.exact and self.worth == 0:
             return f"Knowing {words} would be worth nothing: whatever it is, today's plan is the best one."
         if self.exact:
-            return f"Knowing {words} would be worth {self.worth:.2g} reward units a person."
+            return f"Knowing {words} would be worth {self.worth:.2g} {self.unit} a person."
         if np.isnan(self.worth):
             found = (
-                f"{self.in_sample:.2g} reward units a person if scored on the draws that the plans were chosen "
+                f"{self.in_sample:.2g} {self.unit} a person if scored on the draws that the plans were chosen "
                 "with, which is too much"
             )
             return (
@@ -85,7 +92,7 @@ class BlockWorth(NotebookView):
         sure = "" if np.isnan(self.se) else f" (cross-fitted, standard error {self.se:.1g})"
         told = "" if not self.worth < 2 * self.se else "; that may be nothing at all"
         return (
-            f"Knowing {words} would be worth {max(self.worth, 0.0):.2g} reward units a person{sure}, and "
+            f"Knowing {words} would be worth {max(self.worth, 0.0):.2g} {self.unit} a person{sure}, and "
             f"{self.in_sample:.2g} if scored on the draws that the plans were chosen with{told}."
         )
 
@@ -110,6 +117,10 @@ class PartialInformation(NotebookView):
         Draws that rules were fitted on and scored with.
     exact : bool
         Whether the draws are all that is believed, so that nothing was fitted.
+    unit : str
+        What worths are in: the word of the reward.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     rows: tuple[BlockWorth, ...]
@@ -120,6 +131,8 @@ class PartialInformation(NotebookView):
     chains: int | None
     draws: int = FEWEST_DRAWS
     exact: bool = False
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @property
     def enough(self) -> bool:
@@ -154,17 +167,17 @@ class PartialInformation(NotebookView):
             which = "any single block of the tables, whichever," if every else some
             return (
                 f"Knowing {which} would by itself be worth as much as perfect knowledge of all tables: "
-                f"{self.perfect:.2g} reward units a person."
+                f"{self.perfect:.2g} {self.unit} a person."
             )
         if best.worth <= 0:
             told = "" if self.exact else ", as far as these draws tell"
             return (
                 f"No single block of the tables is worth knowing by itself{told} "
-                f"(perfect knowledge of all of them: {self.perfect:.2g} reward units a person)."
+                f"(perfect knowledge of all of them: {self.perfect:.2g} {self.unit} a person)."
             )
         sure = "" if np.isnan(best.se) else f" (standard error {best.se:.1g})"
         return (
-            f"Most worth knowing is {block_words(best.block)}: {best.worth:.2g} reward units a person{sure}, of "
+            f"Most worth knowing is {block_words(best.block)}: {best.worth:.2g} {self.unit} a person{sure}, of "
             f"{self.perfect:.2g} that perfect knowledge of all tables would be worth{self._as_much(best)}."
         )
 

@@ -32,6 +32,9 @@ MOST_OWN = 1024
 SCREENED, KEPT = 512, 64
 """Draws by which they are looked through first, and how many of them are then valued in all draws."""
 
+BASELINE = "baseline"
+"""How the word on a plan begins that is a simple rule and was not looked for."""
+
 
 @dataclass(frozen=True)
 class Chosen:
@@ -82,7 +85,7 @@ def posterior_mean(draws: ModelDraws) -> LatentStatePOMDP:
     tables = [t / t.sum(axis=-1, keepdims=True) for t in tables]
     like = draws.model(0)
     return LatentStatePOMDP(
-        tables[0], tables[1], tables[2], draws.protocol, like.state_names, like.reward
+        tables[0], tables[1], tables[2], draws.protocol, like.state_names, like.reward, draws.cautions
     )  # fmt: skip
 
 
@@ -175,7 +178,7 @@ def standard_candidates(
     ]  # fmt: skip
     names = [p.name for p in baselines(posterior_mean(schedule.draws))]
     for i, name in enumerate(names):
-        about = "baseline, belief by the mean tables" if name == "myopic" else "baseline"
+        about = f"{BASELINE}, belief by the mean tables" if name == "myopic" else BASELINE
         out.append(Candidate(name, about, partial(_baseline, i), looks=name == "myopic"))
     return (*out, *more)
 

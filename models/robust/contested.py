@@ -40,11 +40,13 @@ class Flip(NotebookView):
     multiple : float or None
         Of the costs of the mode's actions; None if the decision is the same at every multiple.
     costs : dict of str to float
-        The costs there, in reward units.
+        The costs there, in the unit of the reward.
     action : str
         What is best below the flip point (or everywhere).
     event : int
         From 0: the event at which the schedule is taken to begin, so that this decision is the first one.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     mode: str
@@ -52,6 +54,7 @@ class Flip(NotebookView):
     costs: dict[str, float]
     action: str
     event: int = 0
+    cautions: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -76,7 +79,8 @@ def flip_points(schedule: Schedule) -> tuple[Flip, ...]:
     out = []
     for m in dict.fromkeys(schedule.modes):
         k = schedule.modes.index(m)
-        out.append(replace(_flip(replace(schedule, modes=schedule.modes[k:]), m), event=k))
+        found = _flip(replace(schedule, modes=schedule.modes[k:]), m)
+        out.append(replace(found, event=k, cautions=schedule.cautions))
     return tuple(out)
 
 
@@ -109,7 +113,9 @@ def contested(schedule: Schedule) -> tuple[Schedule, tuple[Flip, ...]]:
                 continue
             others = {a: c for n, own in costs.items() if n != m for a, c in own.items()}
             from_there = replace(with_costs(schedule, others), modes=schedule.modes[schedule.modes.index(m) :])
-            flips[m] = flip = replace(_flip(from_there, m, near.get(m)), event=schedule.modes.index(m))
+            flips[m] = flip = replace(
+                _flip(from_there, m, near.get(m)), event=schedule.modes.index(m), cautions=schedule.cautions
+            )
             if flip.multiple is None:
                 settled[m] = True
                 moved = np.inf if m in costs else moved

@@ -76,8 +76,8 @@ class Frontier(NotebookView):
             " That is little: the spread of values comes from what people are like." if gain < 0.01 * scale else ""
         )
         return (
-            f"Caution buys at most {gain:.2g} reward units in the worst {100 * at.risk.alpha:.3g}% of the draws "
-            f"and costs {cost:.2g} on average there.{small}"
+            f"Caution buys at most {gain:.2g} {self.schedule.unit} in the worst {100 * at.risk.alpha:.3g}% of the "
+            f"draws and costs {cost:.2g} on average there.{small}"
         )
 
 

@@ -85,12 +85,15 @@ class HistoryStability(NotebookView):
     events : tuple of EventStability
     null_actions : mapping of str to str
         Of every mode.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     letters: str
     policy: str
     events: tuple[EventStability, ...]
     null_actions: Mapping[str, str]
+    cautions: tuple[str, ...] = ()
 
     def rows(self) -> list[dict[str, Any]]:
         """One row a history."""
@@ -203,7 +206,8 @@ def history_stability(
         if k + 1 < len(modes):
             level = [new for old in level for new in _after(draws, old, policy, tracker, modes[k + 1])]
     nulls = {m.name: m.null_action for m in p.modes}
-    return HistoryStability("".join(p.modes[x].letter for x in modes), policy.name, tuple(out), nulls)
+    letters = "".join(p.modes[x].letter for x in modes)
+    return HistoryStability(letters, policy.name, tuple(out), nulls, draws.cautions)
 
 
 def _after(

@@ -74,7 +74,7 @@ class PerfectInformation(NotebookView):
 
     @property
     def value(self) -> float:
-        """EVPI in reward units a person."""
+        """EVPI a person, in the unit of the reward."""
         return float(self.groups.weight @ self.losses)
 
     @property
@@ -102,8 +102,8 @@ class PerfectInformation(NotebookView):
         error = self.error
         sure = "" if np.isnan(error.se) else f" (standard error {error.se:.2g})"
         return (
-            f"Perfect knowledge {known} would be worth {self.value:.3g} reward units a person{sure}; today's plan "
-            f"is already the best one in {100 * self.right:.0f}% of the draws, and misses "
+            f"Perfect knowledge {known} would be worth {self.value:.3g} {self.schedule.unit} a person{sure}; "
+            f"today's plan is already the best one in {100 * self.right:.0f}% of the draws, and misses "
             f"{self.value / (1 - self.right):.3g} on average where it is not."
         )
 

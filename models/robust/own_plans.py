@@ -63,7 +63,7 @@ class OwnPlans:
 
     @property
     def first_action_losses(self) -> dict[str, float]:
-        """Expected loss of each action at the first event against the draw's best one, in reward units."""
+        """Expected loss of each action at the first event against the draw's best one, in the schedule's unit."""
         lost = self.first_values.max(axis=1, keepdims=True) - self.first_values
         means = self.schedule.draws.weight @ lost
         return dict(zip([a.name for a in self.schedule.mode(0).actions], means.tolist(), strict=True))

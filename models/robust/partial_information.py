@@ -154,10 +154,15 @@ def partial_information(
         if fold is not None:
             error = draw_mean(_best_elsewhere(offered, groups.weight, fold), groups.weight, chains)
             worth, se = error.mean, error.se
-        rows.append(BlockWorth(name, worth, se, chosen, cells.regression, plans, x.shape[1]))
+        rows.append(
+            BlockWorth(
+                name, worth, se, chosen, cells.regression, plans, x.shape[1], unit=schedule.unit,
+                cautions=schedule.cautions,
+            )
+        )  # fmt: skip
     pooled = beyond_rounding(np.array([groups.weight @ values.max(axis=0) - best]), scale)[0]
     return PartialInformation(tuple(rows), known.value, float(pooled), len(every.plans), int(folds), chains,
-                              len(groups))  # fmt: skip
+                              len(groups), unit=schedule.unit, cautions=schedule.cautions)  # fmt: skip
 
 
 def _scored(values: Array, weight: Array, cell: NDArray[np.int64], best: float) -> tuple[float, int]:
@@ -205,12 +210,16 @@ def _exact(
             cells.add(plan_key(plan))
         plans |= cells
         rows.append(
-            BlockWorth(name, worth, float("nan"), worth, float("nan"), len(cells), probabilities, exact=True)
-        )
+            BlockWorth(
+                name, worth, float("nan"), worth, float("nan"), len(cells), probabilities, exact=True,
+                unit=schedule.unit, cautions=schedule.cautions,
+            )
+        )  # fmt: skip
         if progress is not None:
             progress(number, len(names))
     return PartialInformation(
-        tuple(rows), known.value, known.value, len(plans), folds, known.chains, len(groups), exact=True
+        tuple(rows), known.value, known.value, len(plans), folds, known.chains, len(groups), exact=True,
+        unit=schedule.unit, cautions=schedule.cautions,
     )  # fmt: skip
 
 

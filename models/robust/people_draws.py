@@ -92,15 +92,16 @@ class Personal(NotebookView):
 
     @property
     def gain(self) -> float:
-        """Value of personalising, in reward units a person; never negative."""
+        """Value of personalising a person, in the unit of the reward; never negative."""
         return float(beyond_rounding(np.array(self.value - self.impersonal), abs(self.value)))
 
     @property
     def sentence(self) -> str:
         """The result in one sentence."""
         return (
-            f"Learning whom it faces is worth {self.gain:.3g} reward units a person: {self.value:.4g} against "
-            f"{self.impersonal:.4g} for the plan that takes all people for alike ({self.kinds} kinds of people)."
+            f"Learning whom it faces is worth {self.gain:.3g} {self.plan.schedule.unit} a person: {self.value:.4g} "
+            f"against {self.impersonal:.4g} for the plan that takes all people for alike ({self.kinds} kinds of "
+            "people)."
         )
 
 

@@ -15,17 +15,20 @@ from models.notebook_view import NotebookView
 from models.planning.baselines import never
 from models.planning.evaluation import evaluate_schedule
 from models.planning.schedule import Array, Schedule
-from models.robust.candidates import Candidate, Chosen
+from models.robust.candidates import BASELINE, Candidate, Chosen
 from models.robust.draw_error import check_chains
 from models.robust.draw_groups import DrawGroups
 from models.robust.information import SAME, beyond_rounding, own_optima
 from models.robust.risk import RiskSet, cvar, weighted_quantiles
 from models.spread_out import spread_out
 
+NEVER = "never"
+"""The baseline that gains are counted from."""
+
 
 @dataclass(frozen=True)
 class Price:
-    """One plan under doubt; all in reward units a person.
+    """One plan under doubt; all a person, in the unit of the reward.
 
     Attributes
     ----------
@@ -110,20 +113,46 @@ class PriceList(NotebookView):
         return pd.DataFrame(rows).sort_values("mean", ascending=False, kind="stable", ignore_index=True)
 
     @property
+    def best(self) -> Price:
+        """The plan with the largest mean, the first of equals: the Bayes-adaptive one where it was priced."""
+        return max(self.prices, key=lambda p: p.mean)
+
+    @property
+    def best_baseline(self) -> str:
+        """The baseline that is worth in every draw what the best plan is; empty if none is.
+
+        The best plan under doubt is then that simple rule, whatever a plan for one model begins with.
+        """
+        best = self.best
+        scale = SAME * max(1.0, float(np.abs(best.values).max()))
+        for p in self.prices:
+            if p.about.startswith(BASELINE) and p is not best and np.allclose(p.values, best.values, 0.0, scale):
+                return p.name
+        return ""
+
+    @property
     def sentence(self) -> str:
         """Best plan, and what the shortcuts lose."""
-        best = max(self.prices, key=lambda p: p.mean)
-        lost = {p.name: best.mean - p.mean for p in self.prices if p is not best}
+        best, same = self.best, self.best_baseline
+        lost = {p.name: best.mean - p.mean for p in self.prices if p is not best and p.name != same}
         named = [
             n for n in ("plug-in estimate", "posterior mean", "fixed sequence", "always", "never") if n in lost
         ]
-        return (
+        worth = (
             f"{best.name} is worth {best.mean:.4g} {self.schedule.unit} a person on average and {best.cvar:.4g} in "
-            f"the worst {100 * self.alpha:.3g}% of the draws; against never helping it gains {best.gain_mean:.3g} "
-            f"(5% to 95% of the draws: {best.gain_q05:.3g} to {best.gain_q95:.3g}; better in "
-            f"{best.gain_probability:.0%}). "
-            "Lost by " + ", ".join(f"{n} {lost[n]:.2g}" for n in named) + "."
-        )  # fmt: skip
+            f"the worst {100 * self.alpha:.3g}% of the draws"
+        )
+        gain = (
+            f"against never helping it gains {best.gain_mean:.3g} (5% to 95% of the draws: {best.gain_q05:.3g} to "
+            f"{best.gain_q95:.3g}; better in {best.gain_probability:.0%})"
+        )
+        if same:
+            told = f"in every draw just what '{same}' is worth: under all this doubt the best plan is '{same}'"
+            worth += f", {told}" if same == NEVER else f", {told}; {gain}"
+        else:
+            worth += f"; {gain}"
+        losses = ", ".join(f"{n} {lost[n]:.2g}" for n in named)
+        return f"{worth}." + (f" Lost by {losses}." if losses else "")
 
 
 def price(

@@ -102,7 +102,7 @@ def sample_information(
     served : float, optional
         How many people will be served by the plan, for the net benefit.
     cost : float
-        Of one participant, in reward units, for the net benefit.
+        Of one participant, in the unit of the reward, for the net benefit.
     perfect : PerfectInformation, optional
         Of the same schedule, if it is known already.
     executor : concurrent.futures.Executor, optional
@@ -144,14 +144,14 @@ def sample_information(
     rows = [
         StudyWorth.of(
             study.name, n, Simulated(*(part[:, j, i] for part in every)), known.value, study.tells_nothing,
-            cut, served, cost, known.sampled,
+            cut, served, cost, known.sampled, schedule.unit, schedule.cautions,
         )
         for j, study in enumerate(several)
         for i, n in enumerate(wanted)
     ]  # fmt: skip
     return SampleInformation(
         tuple(rows), every.gain, every.ceiling, tuple(s.name for s in several), wanted, known.value,
-        schedule.letters, seed, pool is None,
+        schedule.letters, seed, pool is None, schedule.unit, schedule.cautions,
     )  # fmt: skip
 
 
@@ -275,5 +275,5 @@ def _checked(
     if served is not None and not (np.isfinite(served) and served > 0):
         raise located("people served", served, "a positive number")
     if not (np.isfinite(cost) and cost >= 0):
-        raise located("cost of a participant", cost, "a number of at least 0, in reward units")
+        raise located("cost of a participant", cost, "a number of at least 0")
     return tuple(sorted({int(n) for n in sizes}))

@@ -48,7 +48,7 @@ class Standing:
     share : dict of str to float
         Share of the draws, weighted by what is believed of them after this history, that prefer each action.
     loss : dict of str to float
-        Expected loss of each action against the best of each draw, in reward units of that event.
+        Expected loss of each action against the best of each draw, in the reward's unit, of that event.
     effective_draws : float
         Effective number of draws after this history, :math:`1 / \sum_i w_i^2`.
     information : float

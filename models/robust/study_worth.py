@@ -11,11 +11,16 @@ from models.errors import located
 from models.event_rules import one_of
 from models.notebook_view import NotebookView
 from models.planning.schedule import Array
+from models.reward import UNIT
 from models.robust.draw_error import controlled_mean
 
 FEWEST_EFFECTIVE = 100.0
 """Effective draws below which what is believed after the data is told by too few of them. With a third of this the
 two estimates for 540 people, at four states, lay at 2.6 and 1.4; with 120 at 2.4 and 2.2."""
+
+
+FEWEST_TOLD = 20.0
+"""Effective draws below which no number is said at all: one or two draws then decide it."""
 
 
 class Simulated(NamedTuple):
@@ -50,7 +55,7 @@ class StudyWorth(NotebookView):
     people : int
         Participants.
     worth : float
-        Expected gain over today's plan, in reward units a person served: `pathwise` less what the luck of the
+        Expected gain over today's plan, in `unit` a person served: `pathwise` less what the luck of the
         simulated data sets has put on it, from 0 to EVPI.
     se : float
         Its standard error over simulated data sets. That there are finitely many draws adds to it; see `enough`.
@@ -75,6 +80,10 @@ class StudyWorth(NotebookView):
         Of one participant.
     sampled : bool
         Whether the draws are a sample of what is believed, and not all of it.
+    unit : str
+        What worths and costs are in: the word of the reward.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     study: str
@@ -93,11 +102,14 @@ class StudyWorth(NotebookView):
     served: float | None = None
     cost: float = 0.0
     sampled: bool = True
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     @classmethod
     def of(
         cls, study: str, people: int, simulated: Simulated, evpi: float, silent: bool, cut: bool,
-        served: float | None, cost: float, sampled: bool = True,
+        served: float | None, cost: float, sampled: bool = True, unit: str = UNIT,
+        cautions: tuple[str, ...] = (),
     ) -> StudyWorth:  # fmt: skip
         """From one number a simulated data set; `cut`: some draws were held out.
 
@@ -115,13 +127,21 @@ class StudyWorth(NotebookView):
         return cls(
             study, people, float(np.clip(mean, 0.0, evpi)), se, held_out, held_out_se, float(gain.mean()), plain,
             float(simulated.ceiling.mean()), evpi, float(np.median(simulated.effective)),
-            float(np.mean(gain > 0)), silent, served, cost, sampled,
+            float(np.mean(gain > 0)), silent, served, cost, sampled, unit, cautions,
         )  # fmt: skip
 
     @property
     def enough(self) -> bool:
         """Whether enough draws remain after the data to say what would be believed; all there are always do."""
         return not self.sampled or self.effective >= FEWEST_EFFECTIVE
+
+    @property
+    def sayable(self) -> bool:
+        """Whether a number can be said, if with a warning: not with fewer effective draws than `FEWEST_TOLD`.
+
+        That nothing can be gained, by silence or for want of doubt, can always be said.
+        """
+        return self.silent or self.evpi == 0 or not self.sampled or self.effective >= FEWEST_TOLD
 
     @property
     def sure(self) -> float:
@@ -149,10 +169,13 @@ class StudyWorth(NotebookView):
         """What stands against believing the number; empty if nothing does."""
         if self.enough:
             return ""
-        return (
-            f"{self.effective:.0f} effective draws are left after such data, {FEWEST_EFFECTIVE:.0f} wanted: "
-            "too few to say; take more draws"
-        )
+        return f"{self.left_words}, {FEWEST_EFFECTIVE:.0f} wanted: too few to say; take more draws"
+
+    @property
+    def left_words(self) -> str:
+        """How many effective draws are left after such data, in words."""
+        left = f"{self.effective:.0f}"
+        return f"{left} effective draw{' is' if left == '1' else 's are'} left after such data"
 
     @property
     def words(self) -> str:
@@ -164,7 +187,12 @@ class StudyWorth(NotebookView):
         """The result in one sentence."""
         if self.silent:
             return f"{self.words} would be worth nothing: nobody shows a response in this design."
-        out = f"{self.words} would be worth {self.worth:.2g} reward units a person (standard error {self.se:.1g})"
+        if not self.sayable:
+            return (
+                f"What {self.words} would be worth cannot be said from these draws: {self.left_words}, "
+                f"{FEWEST_EFFECTIVE:.0f} wanted; take more draws."
+            )
+        out = f"{self.words} would be worth {self.worth:.2g} {self.unit} a person (standard error {self.se:.1g})"
         if not np.isnan(self.held_out):
             out += f", {max(self.held_out, 0.0):.2g} for plans scored on draws that did not choose them"
         out += f", of {self.evpi:.2g} that perfect knowledge would be worth"
@@ -196,6 +224,10 @@ class SampleInformation(NotebookView):
     exact : bool
         Whether the best plan after the data was looked for among all plans; else among a pool, and `worth` is a
         lower bound.
+    unit : str
+        What worths are in: the word of the reward.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     rows: tuple[StudyWorth, ...]
@@ -207,6 +239,8 @@ class SampleInformation(NotebookView):
     letters: str
     seed: int
     exact: bool
+    unit: str = UNIT
+    cautions: tuple[str, ...] = ()
 
     def row(self, study: str, people: int) -> StudyWorth:
         """One study of one size.
@@ -235,8 +269,9 @@ class SampleInformation(NotebookView):
         Those that leave too few draws to tell count only if nothing can be said for any other.
         """
         shown = [r for r in self.rows if not r.silent] or list(self.rows)
-        told = [r for r in shown if r.enough]
-        return max(told if any(r.sure > 0 for r in told) else shown, key=lambda r: (r.net, -r.people))
+        enough = [r for r in shown if r.enough]
+        told = [r for r in shown if r.sayable] or shown
+        return max(enough if any(r.sure > 0 for r in enough) else told, key=lambda r: (r.net, -r.people))
 
     @property
     def table(self) -> Any:
@@ -280,8 +315,17 @@ class SampleInformation(NotebookView):
         best = self.best
         if all(r.silent for r in self.rows):
             return "None of these studies would be worth anything: nobody shows a response in them."
-        if all(r.worth == 0 for r in self.rows):
-            return "None of these studies would change the plan: more data of this kind are worth nothing."
+        shown = [r for r in self.rows if not r.silent]
+        if not any(r.sayable for r in shown):
+            most = max(shown, key=lambda r: r.effective)
+            return (
+                f"What these studies would be worth cannot be said from these draws: at most {most.left_words}, "
+                f"{FEWEST_EFFECTIVE:.0f} wanted; take more draws."
+            )
+        if all(r.worth == 0 for r in self.rows if r.sayable):
+            if all(r.sayable for r in shown):
+                return "None of these studies would change the plan: more data of this kind are worth nothing."
+            return "None of these studies would change the plan, as far as these draws can say; take more draws."
         if best.net <= 0:
             return f"None of these studies is worth its cost; the least bad: {best.sentence}"
         least = "" if self.exact else "at least "

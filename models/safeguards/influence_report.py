@@ -12,6 +12,7 @@ from models.notebook_view import NotebookView
 from models.planning.baselines import ModePolicy
 from models.planning.policies import Array, Policy
 from models.planning.schedule import Schedule
+from models.reward import UNIT
 from models.robust.risk import weighted_quantiles
 from models.safeguards.guarded import Guarded
 from models.safeguards.guarded_run import GuardedRun, guarded_run
@@ -40,6 +41,10 @@ class InfluenceReport(NotebookView):
     runs : tuple of GuardedRun
         By policy: without safeguards, with each alone, with all together.
     states, responses : tuple of str
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
+    unit : str
+        What values are in: the word of the reward.
     """
 
     _units: ClassVar = {"cost": "unit of the charges", "influence": "moves a person"}
@@ -47,6 +52,8 @@ class InfluenceReport(NotebookView):
     runs: tuple[GuardedRun, ...]
     states: tuple[str, ...]
     responses: tuple[str, ...]
+    cautions: tuple[str, ...] = ()
+    unit: str = UNIT
 
     def run(self, policy: str, safeguards: str = NONE) -> GuardedRun:
         """One of the runs."""
@@ -176,7 +183,7 @@ def influence_report(
             guarded = Guarded(policy, own, fallback, worth)
             runs.append(guarded_run(guarded, truth, charges, name))
     states = truth.draws.model(0).state_names
-    return InfluenceReport(tuple(runs), states, truth.protocol.response_names)
+    return InfluenceReport(tuple(runs), states, truth.protocol.response_names, truth.cautions, truth.unit)
 
 
 def interval(values: Array, weight: Array) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from models.notebook_view import NotebookView
 from models.planning.baselines import ModePolicy
 from models.planning.policies import Array
 from models.planning.schedule import Schedule
+from models.reward import UNIT
 from models.safeguards.confidence import Confidence
 from models.safeguards.guarded import Guarded
 from models.safeguards.guarded_run import GuardedRun, guarded_run
@@ -43,6 +44,10 @@ class Steps(NotebookView):
         Value, influence, expected cost, share of the decisions changed.
     complete : bool
         Whether the last row holds for all settings above.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
+    unit : str
+        What values are in: the word of the reward.
     """
 
     policy: str
@@ -54,6 +59,8 @@ class Steps(NotebookView):
     costs: Array
     changed: Array
     complete: bool
+    cautions: tuple[str, ...] = ()
+    unit: str = UNIT
 
     def rows(self) -> list[dict[str, Any]]:
         """One row a step."""
@@ -168,5 +175,5 @@ def _steps(
 
     return Steps(
         watched.policy.name, safeguard, setting, np.array(levels), of("value"), of("influence"), of("cost"),
-        of("changed"), bool(level >= top),
+        of("changed"), bool(level >= top), truth.cautions, truth.unit,
     )  # fmt: skip

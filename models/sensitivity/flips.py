@@ -55,6 +55,8 @@ class Flips(NotebookView):
     closed : bool[f]
         Whether the bracket is as narrow as was asked; else decisions inside are open.
     weight : float64[d]
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     parameter: str
@@ -70,6 +72,7 @@ class Flips(NotebookView):
     after: Index
     closed: NDArray[np.bool_]
     weight: Array
+    cautions: tuple[str, ...] = ()
 
     @property
     def middle(self) -> Array:
@@ -224,6 +227,7 @@ def find_flips(
                 parameter, decider.reading, nodes, k, points, labels[k], brackets.draw[own], brackets.low[own],
                 brackets.high[own], brackets.before[own], brackets.after[own],
                 brackets.high[own] - brackets.low[own] <= width, decider.draws.weight,
+                decider.draws.cautions,
             )
         )  # fmt: skip
     return tuple(out)

@@ -184,6 +184,8 @@ class GridDecisions(NotebookView):
         Case ``g * draws + d``.
     available : int
         Draws that these were thinned from.
+    cautions : tuple of str
+        Those of the draws (`models.cautions`).
     """
 
     grid: RewardGrid
@@ -192,6 +194,7 @@ class GridDecisions(NotebookView):
     weight: Array
     answers: Answers
     available: int
+    cautions: tuple[str, ...] = ()
 
     @property
     def n_draws(self) -> int:
@@ -358,7 +361,7 @@ def decide_grid(decider: Decider, grid: RewardGrid, discount: float, available: 
     answers = decider.decide(Cases.of(draws.n_draws, grid.rewards, draws.protocol, discount))
     return GridDecisions(
         grid, decider.reading, float(discount), draws.weight, answers,
-        draws.n_draws if available is None else available,
+        draws.n_draws if available is None else available, draws.cautions,
     )  # fmt: skip
 
 

@@ -90,7 +90,8 @@ def little_effort(patch):
     def of(cls, quick):
         draws = 100 if quick else 150
         less = {"restarts": 40, "finalists": 8, "chains": 2, "refit_draws": 60, "simulated_studies": 60}
-        return replace(REAL_EFFORT(quick), draws=draws, tune=draws, **less)
+        less |= {"fold_particles": 60, "fold_moves": 1, "evidence_particles": 60, "evidence_moves": 1}
+        return replace(REAL_EFFORT(quick), draws=draws, tune=draws, evidence_runs=2, **less)
 
     patch.setattr(Effort, "of", classmethod(of))
     for few in (*FEW_PARTICLES, *FEW_DRAWS):

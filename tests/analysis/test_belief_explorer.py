@@ -350,3 +350,41 @@ def test_the_ring_glides_to_where_the_belief_is(opened, plans, truth, page):
     tab.locator(".again").click()
     assert tab.inner_text(".path") == "Path: 0 start."
     assert np.abs(np.array(state_of(tab)["belief"]) - truth.initial).max() < 1e-12
+
+
+def test_a_button_names_the_action_where_nothing_is_seen(opened, page):
+    tab = opened(page)
+    assert tab.locator(".actions button").all_inner_texts() == ["no help: nothing is seen", "help: nothing is seen"]
+    tab.locator(".modes select").select_option("1")
+    for button in tab.locator(".actions button").all():
+        action, seen = button.get_attribute("aria-label").split(": ")
+        assert action in ("no signal", "signal")
+        assert button.inner_text() == seen
+
+
+def test_places_visited_again_say_so_once(opened, page):
+    """Every visit is named, those at one place together; no two labels cover each other, nor the ring."""
+    tab = opened(page)
+    for _ in range(5):
+        tab.locator("button[aria-label^='no help: ']").click()
+        tab.locator("button[aria-label^='signal: no help']").click()
+    told = tab.evaluate(
+        "() => [...document.querySelectorAll('.stage .visit')].map(e => "
+        "[e.textContent, (({x, y, width, height}) => [x, y, x + width, y + height])(e.getBBox())])"
+    )
+    named = [text for text, _ in told]
+    numbers = [int(n) for text in named for n in re.findall(r"\d+", text)]
+    assert max(map(len, named)) > 3
+    assert len(numbers) == len(set(numbers))
+    left_out = set(range(10)) - set(numbers)
+    assert not left_out or any("…" in text for text in named)
+    ring = tab.evaluate(
+        "() => ['cx', 'cy'].map(a => +document.querySelector('.stage svg > circle').getAttribute(a))"
+    )
+    boxes = [box for _, box in told] + [[ring[0] - 8, ring[1] - 8, ring[0] + 8, ring[1] + 8]]
+    for i, (x, y, right, below) in enumerate(boxes):
+        assert -1 <= x < right <= 361
+        for other in boxes[:i]:
+            across = min(right, other[2]) - max(x, other[0])
+            down = min(below, other[3]) - max(y, other[1])
+            assert across < 2 or down < 4, (told, ring)

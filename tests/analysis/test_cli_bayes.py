@@ -159,6 +159,11 @@ def test_a_failed_gate_is_a_banner_not_a_whisper(capsys):
     assert captured.out == ""
     assert captured.err.startswith("prosocial: Convergence gate FAILED (")
     assert "Do not rely on these numbers" in captured.err
+    assert run("simulated_study1", *FAST) == 0
+    captured = capsys.readouterr()
+    assert captured.out.count("Convergence gate FAILED: see the end.") == 1
+    assert "Do not rely" not in captured.out
+    assert captured.err.count("Do not rely on these numbers") == 1
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from analysis import fits
 from analysis.cli import main
 from analysis.comparison import CRITERIA, CompareSettings, compare
+from analysis.comparison_at_hand import Findings
 from analysis.comparison_words import sentence
 from analysis.model_criteria import alike, loo_by_person
 from analysis.report.section import Figure, Origin, Table
@@ -186,7 +187,7 @@ def test_what_cannot_be_compared_is_refused():
 
 # -- figure, blocks, command -------------------------------------------------------------------------------
 def test_blocks_draw_and_state_their_origin(result):
-    made = blocks(result, Origin.SIMULATED)
+    made = blocks(Findings.of(result), Origin.SIMULATED)
     figures = [b for b in made if isinstance(b, Figure)]
     assert all(b.origin == (Origin.SIMULATED,) for b in made if isinstance(b, Figure | Table))
     first, second = figures[0].svgs(), figures[0].svgs()

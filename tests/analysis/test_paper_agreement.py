@@ -58,6 +58,22 @@ def test_counts_agree_if_they_are_the_same():
 
 
 # -- intervals and errors --------------------------------------------------------------------------
+def test_what_scatters_is_compatible_and_never_agrees_beyond_rounding():
+    """No number within its error is said to agree, unless its digits are the printed ones."""
+    rng = np.random.default_rng(3)
+    for ours in rng.normal(10.0, 1.0, 300):
+        found = (
+            apart(10.0, float(ours), 1.0),
+            statistics(10.0, float(ours)),
+            inside(10.0, float(ours), float(ours) - 2.5, float(ours) + 2.5),
+        )
+        same = abs(ours - 10.0) <= 0.05
+        for agreement in found:
+            near = agreement.distance is not None and abs(agreement.distance) <= 1
+            wanted = Word.ROUNDING if same else Word.COMPATIBLE if near else Word.DIFFERS
+            assert agreement.word is wanted
+
+
 def test_inside_says_where_the_printed_number_lies():
     assert inside(1.0, 3.0, 1.0, 4.0).distance == 1.0
     assert inside(4.5, 3.0, 1.0, 4.0).distance == -1.5
@@ -94,7 +110,7 @@ def test_two_studies_of_one_truth_agree_in_95_of_100_pairs():
 def test_distances_count_standard_errors():
     assert apart(10.0, 13.0, 1.0).distance == pytest.approx(3 / MOST)
     assert apart(10.0, 13.0, 1.0).text == "differs: by +3, +3.0 standard errors"
-    assert apart(10.0, 9.0, 1.0).text == "agrees: −1.0 standard errors"
+    assert apart(10.0, 9.0, 1.0).text == "compatible: −1.0 standard errors"
     with pytest.raises(InputError, match="above 0"):
         apart(1.0, 2.0, 0.0)
 
@@ -103,10 +119,13 @@ def test_p_values_are_compared_by_the_z_they_stand_for():
     for limit in (0.001, 0.077):
         least = norm.isf(limit / 2)
         edge = least - MOST * math.sqrt(2)
-        for shift, word in ((1e-6, Word.AGREES), (-1e-6, Word.DIFFERS)):
+        for shift, word in ((1e-6, Word.COMPATIBLE), (-1e-6, Word.DIFFERS)):
             if edge + shift > 0:
                 assert chances(f"<{limit}", float(2 * norm.sf(edge + shift))).word is word
-    assert chances("<0.001", 0.0009).text == "agrees"
+        for p in (0.01 * limit, 0.999 * limit):
+            assert chances(f"<{limit}", p).text == "agrees"
+        for p in (limit, 1.001 * limit):
+            assert chances(f"<{limit}", p).text.startswith(f"compatible: not below {limit}")
     with pytest.raises(InputError, match=r"such as <0\.001"):
         chances("0.03", 0.01)
 
@@ -129,6 +148,7 @@ def test_the_worst_of_several_speaks_for_a_number():
     assert overall(every).word is Word.CONTRADICTS
     assert overall(every[1:]).word is Word.DIFFERS
     assert overall([Agreement(Word.AGREES), Agreement(Word.OPEN)]).word is Word.OPEN
+    assert overall([Agreement(Word.AGREES), Agreement(Word.COMPATIBLE)]).word is Word.COMPATIBLE
     assert overall([unchecked("x"), Agreement(Word.TAKEN)]).word is Word.TAKEN
     with pytest.raises(InputError):
         overall([])

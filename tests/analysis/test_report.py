@@ -26,9 +26,9 @@ from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, log_o
 DATE = "2026-01-31"
 WATERMARK = "QUICK: fewer restarts, not for citation"
 ALL_SECTIONS = [
-    "provenance", "study", "flow", "states", "model", "uncertainty", "people", "held-out", "regression", "anova",
-    "power", "reward", "plan", "robust", "sensitivity", "safeguards", "study2", "paper", "evidence", "limits",
-    "appendix",
+    "provenance", "study", "flow", "states", "model", "uncertainty", "comparison", "people", "held-out",
+    "regression", "anova", "power", "reward", "plan", "robust", "sensitivity", "safeguards", "study2", "paper",
+    "evidence", "limits", "appendix",
 ]  # fmt: skip
 VOID = {"meta", "br", "path", "use", "rect", "img", "hr"}
 

@@ -12,8 +12,8 @@ from analysis import fits
 from analysis.figures.style import axes
 from analysis.report import build
 from analysis.report.analysis_plan import EXPLORATORY, PLANNED, read_analysis_plan
+from analysis.report.latex import escaped, latex
 from analysis.report.output_map import output_map, plot_functions
-from analysis.report.parts import escaped, latex
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.section import Figure, Origin, Part, Section, Table, Text
 from models.errors import InputError
@@ -64,7 +64,7 @@ def test_every_figure_and_table_is_a_file_and_listed(report):
     assert [row["key"] for row in listed] == shown
     named = {name for row in listed for name in row["files"].split()}
     there = {p.name for p in report.parts.folder.iterdir()}
-    assert there == named | {"index.csv", "methods.txt"}
+    assert there == named | {"index.csv", "methods.txt", "summary.txt"}
     assert all(row["origin"] and row["made_by"] and row["caption"] for row in listed)
     assert report.parts.figures + report.parts.tables == len(listed)
 
@@ -102,7 +102,7 @@ def test_latex_is_ascii_with_as_many_cells_as_the_page(report):
         for table in section.tables:
             text = latex(table)
             assert text.isascii()
-            body = text[text.index(r"\toprule") : text.index(r"\bottomrule")]
+            body = text[text.rindex(r"\toprule") : text.index(r"\bottomrule")]
             lines = [line for line in body.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
             assert len(lines) == len(table.frame) + (not table.facts)
             assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in lines} == {len(table.frame.columns)}

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from analysis import fits
 from analysis.credible import contraction_of, in_four_numbers
 from analysis.datasets import log_digest
 from analysis.kappa_sensitivity import kappa_sensitivity, refits
-from analysis.uncertainty import EVERYONE, beside_em, contraction, contrasts
+from analysis.uncertainty import EVERYONE, KNOWN, PARTLY, Contraction, beside_em, contraction, contrasts
 from models.baum_welch import BaumWelch
 from models.bootstrap import Bootstrap
 from models.errors import InputError
@@ -36,7 +37,33 @@ def test_contraction_is_that_of_the_posterior_and_its_sentence_follows_the_numbe
     assert "the data determine the transition tables" in two.sentence
     assert "At four states the transition tables are" in four.sentence
     assert "prior" in four.sentence
-    assert four.median_of_moves < 0.25 < 0.75 < two.median_of_moves
+    assert four.median_of_moves < PARTLY < KNOWN < two.median_of_moves
+    for found in (two, four):
+        moves = [c for t, c in zip(found.table["table"], found.table["contraction"], strict=True) if "moves" in t]
+        known, prior = sum(c > 0.8 for c in moves), sum(c < 0.5 for c in moves)
+        said = f"of {len(moves)} entries {known or 'none'} {'is' if known < 2 else 'are'} known from the data"
+        assert said in found.sentence
+        assert f"{prior or 'none'} {'is' if prior < 2 else 'are'} mostly prior (below .50)" in found.sentence
+        assert f"lowest {min(moves):.2f}".replace("0.", ".") in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("moves", "verdict"),
+    [
+        # The case of a median above the bar with half of the entries far below it.
+        ([0.95] * 8 + [0.83, 0.7, 0.6] + [0.4] * 5, "the data determine the transition tables in part"),
+        ([0.9] * 15 + [0.6], "the data determine the transition tables"),
+        ([0.9] * 15 + [0.49], "the data determine the transition tables in part"),
+        ([0.9] * 11 + [0.7] * 5, "the data determine the transition tables in part"),
+        ([0.02] * 40 + [0.9] * 24, "the transition tables are mostly the prior"),
+        ([0.02] * 60 + [0.9] * 4, "the transition tables are the prior"),
+        ([], ""),
+    ],
+)
+def test_the_verdict_is_one_on_entries_and_not_on_their_median(moves, verdict):
+    frame = pd.DataFrame({"table": ["moves: help"] * len(moves), "entry": "x", "contraction": moves})
+    frame = frame.astype({"table": str, "contraction": float})
+    assert Contraction(frame, frame, 2, 0.9).verdict == verdict
 
 
 def test_a_posterior_that_is_its_prior_is_called_so():
@@ -44,7 +71,8 @@ def test_a_posterior_that_is_its_prior_is_called_so():
     models = [random_model(rng, 3) for _ in range(50)]
     found = contraction(posterior_of(models))
     assert np.allclose(found.table["contraction"], 0)
-    assert found.sentence.startswith("At three states the transition tables are the prior: median contraction .00")
+    assert "At three states the transition tables are the prior: of 36 entries none is known" in found.sentence
+    assert "36 are mostly prior (below .50); median contraction .00, lowest .00" in found.sentence
 
 
 def test_one_state_has_no_moves():

@@ -23,7 +23,8 @@ from analysis.event_files import read_events
 from analysis.event_import import import_events
 from analysis.figures.style import to_svg
 from analysis.report.build import build_report
-from analysis.report.parts import escaped, latex, no_formula
+from analysis.report.latex import escaped, latex
+from analysis.report.parts import no_formula
 from analysis.report.registry import SECTIONS
 from analysis.report.render import PageHead, render
 from analysis.report.section import Figure, Omitted, Origin, Part, Points, Section, Table, Text

@@ -12,6 +12,7 @@ from analysis.figures.state_graph import DRAWN, LABELLED, farthest_move, state_g
 from analysis.figures.style import spoken
 from analysis.figures.transitions import RowEvidence, transition_table
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, flat
 from analysis.report.section import Block, Figure, NotSupported, Part, Text, attempt
 from analysis.report.sections import learned_tables
 from analysis.wording import counted
@@ -43,7 +44,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         parts.append((k, Part(title, f"model-{k}", _model(context, k), folded=k not in shown)))
     # What is shown in full comes first.
     parts.sort(key=lambda entry: (entry[1].folded, -entry[0]))
-    return (Text(intro), *(part for _, part in parts))
+    return (*flat(context, sorted(shown, reverse=True)), Text(intro), *(part for _, part in parts))
 
 
 def evidence_of(context: ReportContext, k: int, action: str) -> RowEvidence:
@@ -56,7 +57,9 @@ def evidence_of(context: ReportContext, k: int, action: str) -> RowEvidence:
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     fit = context.study.fits[k]
     bootstrap = context.study.bootstraps.get(k)
-    blocks: list[Block] = [Text(fit.sentence)]
+    blocks: list[Block] = [*doubts(context, k, posterior=False), Text(fit.sentence)]
+    if k not in context.shown_states:
+        blocks = [*flat(context, (k,)), *blocks]
     if bootstrap is not None:
         text = (
             f"Intervals are {LEVEL:.0%} percentile intervals of a {bootstrap.kind} with {bootstrap.replicates} "

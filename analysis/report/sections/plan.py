@@ -15,6 +15,7 @@ from analysis.figures.style import spoken
 from analysis.learned_policy import LearnedPolicy, learned_policy
 from analysis.policy_study import LEARNED, OPTIMAL, SIMULATED_RUNS, belief_paths
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, stakes, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_model,
@@ -24,6 +25,7 @@ from analysis.report.own_reward import (
     want_reward,
 )
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.report.sections.plan_headlines import by_estimate
 from analysis.response_rates import measure_name
 from analysis.simulate import STUDY1_NAME, calibrated_truth
 from analysis.stated_reward import letters_in_words
@@ -68,7 +70,7 @@ def _introduction(context: ReportContext) -> tuple[Block, ...]:
             "in reward units, and with different numbers of states in different currencies: only four states have "
             "printed scores."
         )
-    blocks = [Text(text)]
+    blocks = [Text(text), *stakes(context)]
     truth = known_truth(context)
     if truth is not None:
         blocks.append(
@@ -100,7 +102,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         f"plan of the estimate, {counted(k, 'state')}", learned_policy, rewarded_model(context, k), unseen,
         rounds_of(context), truth=known_truth(context), seed=context.seed, runs=runs,
     )  # fmt: skip
-    blocks: list[Block] = []
+    blocks: list[Block] = [*doubts(context, k, posterior=False)]
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(
@@ -126,10 +128,11 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         )  # fmt: skip
     blocks += _rounds(context, learned, k)
     blocks += _endless(context, learned, k)
+    blocks.append(by_estimate(context, learned, k))
     x = tuple(fit.model.reward.x)
     if x != PUBLISHED_X and context.stated is None:
         blocks.append(_reward(context, x, fit.model.state_names, k))
-    return tuple(blocks)
+    return told_above(blocks, fit.model.cautions)
 
 
 # -- the rounds of the study -----------------------------------------------------------------------

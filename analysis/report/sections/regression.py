@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import pandas as pd
@@ -9,6 +10,7 @@ import pandas as pd
 from analysis import response_rates as rates
 from analysis.bayes_twin import Twin, bayes_twin, why_absent
 from analysis.figures.odds import odds_forest, rates_beside, residual_classes
+from analysis.figures.style import spoken
 from analysis.printed_regression import READING, TERM_OF, consistency
 from analysis.regression import LEVEL, Regression, regress
 from analysis.regression_checks import Residuals, by_condition, residuals
@@ -26,7 +28,19 @@ from analysis.regression_sources import (
 )
 from analysis.regression_words import cautions, interaction_sentence, main_sentence, odds_sentence, rules_sentence
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.report.section import (
+    Block,
+    Figure,
+    Headline,
+    NotSupported,
+    Origin,
+    Part,
+    Points,
+    Question,
+    Table,
+    Text,
+    attempt,
+)
 from analysis.report.sections.regression_coverage import coverage
 from analysis.report.sections.regression_states import by_state
 from models.errors import InputError
@@ -69,6 +83,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     blocks += attempt("Coverage of the intervals", partial(coverage, context))
     blocks += attempt("The effect of an action by state", partial(by_state, context, regression))
     blocks.append(Points(cautions(regression), "What not to conclude"))
+    if regression.terms:
+        blocks.append(_headline(context, regression))
     return tuple(blocks)
 
 
@@ -244,3 +260,31 @@ def _readings(context: ReportContext, regression: Regression) -> tuple[Block, ..
     sentences = [Text(text) for term in regression.terms if (text := found.sentence_of(term))]
     failed = [Text(f"{name}: not fitted ({why}).", "note") for name, why in found.failed.items()]
     return (Part("Other readings", "regression-readings-part", (*sentences, table, *failed), True),)
+
+
+def _headline(context: ReportContext, regression: Regression) -> Headline:
+    """What each term changes over people.
+
+    A sign is open where the interval holds zero, or has no ends; all is open where nothing was randomised.
+    """
+    parts, undecided = [], 0
+    for term in regression.terms:
+        found = regression.marginal[term].difference
+        value, low, high = (100 * v for v in (found.value, found.lower, found.upper))
+        open_ = not (low > 0 or high < 0)
+        undecided += open_
+        told = f"{LEVEL:.0%} interval {low:+.1f} to {high:+.1f}" if math.isfinite(high - low) else "no interval"
+        told += ": sign not decidable" if open_ else ""
+        parts.append((open_, f"{value:+.1f} with '{spoken(term)}' ({told})"))
+    text = (
+        f"By the regression, over people, the probability of '{spoken(regression.table.outcome)}' changes by so "
+        f"many percentage points: {'; '.join(part for _, part in sorted(parts, key=lambda p: p[0]))}."
+    )
+    if not regression.table.randomised:
+        text += " Not randomised, so none of this is the effect of anything."
+    notes = [note.text for note in regression.main.notes]
+    if notes:
+        text += f" Caution: {notes[0]}."
+    open_ = undecided == len(parts) or not regression.table.randomised
+    kind = "warning" if notes else "open" if open_ else "plain"
+    return Headline(text=text, kind=kind, question=Question.EFFECT, origin=(context.origin,))

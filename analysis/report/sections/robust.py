@@ -11,6 +11,7 @@ from analysis.figures.robust import caution, plan_comparison, stability_tree, va
 from analysis.figures.style import spoken
 from analysis.next_studies import Asked, next_rounds, own_studies, published_studies
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, stakes, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_draws,
@@ -22,6 +23,7 @@ from analysis.report.own_reward import (
     want_reward,
 )
 from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.report.sections.plan_headlines import under_doubt
 from analysis.report.sections.robust_endless import endless_blocks
 from analysis.robust_study import RobustStudy, robust_study
 from analysis.wording import counted
@@ -62,7 +64,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("plans under doubt", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"robust-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *parts)
+    return (Text(intro), *stakes(context), *parts)
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
@@ -84,9 +86,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         replicates=QUICK_REPLICATES if quick else 100, seed=context.seed,
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )  # fmt: skip
-    blocks: list[Block] = []
-    if not posterior.gate.passed:
-        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    blocks: list[Block] = [*doubts(context, k, estimate=estimate is not None)]
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(
@@ -94,16 +94,31 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         )
     told = spoken(study.sentence)
     blocks.append(Text(told[0].upper() + told[1:]))
+    blocks += _simple_rule(study)
     blocks += _sure(context, study, k)
     blocks += _prices(context, study, k)
     blocks += _caution(context, study, k)
     blocks += _information(context, study, k)
     blocks += endless_blocks(context, draws, k)
+    blocks.append(under_doubt(context, study, posterior.gate))
     if quick:
         blocks.append(
             Text(f"Quick: {draws.n_draws} draws and {QUICK_REPLICATES} simulated data sets a study.", "note")
         )
-    return tuple(blocks)
+    return told_above(blocks, study.cautions)
+
+
+def _simple_rule(study: RobustStudy) -> tuple[Block, ...]:
+    """That the best plan under doubt is a simple rule, which a plan for one table need not be."""
+    same = study.prices.best_baseline
+    if not same:
+        return ()
+    return (
+        Text(
+            f"Under all this doubt the best plan is '{spoken(same)}': no plan that listens and learns is worth "
+            "more on average over the draws. The section before may begin otherwise, as it takes one table as true."
+        ),
+    )
 
 
 def _next_studies(context: ReportContext, draws: ModelDraws) -> tuple[NextStudy, ...]:

@@ -9,6 +9,7 @@ import pandas as pd
 from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, stakes, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_draws,
@@ -57,7 +58,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("safeguards", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"safeguards-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *parts)
+    return (Text(intro), *stakes(context), *parts)
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
@@ -75,9 +76,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         limits(context, k),
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )
-    blocks: list[Block] = []
-    if not posterior.gate.passed:
-        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    blocks: list[Block] = [*doubts(context, k, estimate=False)]
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(Text(f"Left out: {names}. The data hold no evidence on what it does to people.", "warning"))
@@ -85,7 +84,7 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
     blocks.append(Points(tuple(spoken(s) for s in study.sentences), "What they do"))
     blocks += [_table(context, study, k), _curve(context, study, k), _stricter(context, study, k)]
     blocks += [_who(context, study, k), _decisions(study)]
-    return tuple(blocks)
+    return told_above(blocks, study.cautions)
 
 
 def limits(context: ReportContext, k: int) -> Wanted:

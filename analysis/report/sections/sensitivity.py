@@ -11,6 +11,7 @@ from analysis.figures.sensitivity import READING_LABELS, action_map, critical_va
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, stakes, told_above
 from analysis.report.own_reward import planned_states, title_of, unseen_or_left_out, want_reward
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
 from analysis.report.sections.plan import known_truth
@@ -53,7 +54,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     """The numbers of states beside each other, then one part for each that is shown in full."""
     want_reward(context)
     unseen = unseen_or_left_out(context)
-    blocks: list[Block] = [Text(_introduction(context))] if context.stated is None else []
+    blocks: list[Block] = [Text(_introduction(context)), *stakes(context)] if context.stated is None else []
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(
@@ -117,7 +118,9 @@ def _states(context: ReportContext, unseen: tuple[str, ...]) -> tuple[Block, ...
         "Values in different currencies; only actions compare.", (context.origin,), headings=headings,
         groups=groups,
     )  # fmt: skip
-    return Text(CURRENCIES, "warning"), table
+    capped = [k for k in frame["states"] if not context.study.fits[k].converged]
+    warned = f"With {' and '.join(map(str, capped))} states Baum-Welch did not converge: do not rely on these rows."
+    return Text(CURRENCIES, "warning"), *([Text(warned, "warning")] if capped else []), table
 
 
 def draws_r(draws: ModelDraws) -> float:
@@ -131,8 +134,8 @@ def draws_r(draws: ModelDraws) -> float:
 def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Block, ...]:
     if k == 1:
         raise NotSupported("with one state nothing the robot does changes anybody, so it does best to do nothing")
-    posterior, quick = context.posterior(k), context.effort.quick
-    draws = without_actions(posterior.draws(), unseen)
+    quick = context.effort.quick
+    draws = without_actions(context.posterior(k).draws(), unseen)
     kappas = [kappa for kappa in KAPPAS if kappa != STICKY.stay]
     beside = [
         Beside(f"kappa {kappa:g}", without_actions(context.posterior(k, kappa).draws(), unseen)) for kappa in kappas
@@ -151,15 +154,24 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
     in_truth = None if truth is None else context.kept(
         "sensitivity in the truth", sensitivity_study, ModelDraws.from_models([truth]), effort=ONLY_MAPS
     )  # fmt: skip
-    blocks: list[Block] = []
-    if not posterior.gate.passed:
-        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    blocks: list[Block] = [*doubts(context, k)]
     blocks += _maps(context, study, estimate, k)
     blocks += _findings(context, study, estimate, in_truth, k)
     blocks += _critical(context, study, k)
+    blocks += _failed_refits(context, k, kappas)
     blocks += _variants(context, study, k)
     blocks.append(Text(f"{'Quick. ' if quick else ''}{_asked(study)}", "note"))
-    return tuple(blocks)
+    return told_above(told_above(blocks, study.cautions), estimate.cautions)
+
+
+def _failed_refits(context: ReportContext, k: int, kappas: list[float]) -> tuple[Block, ...]:
+    """Which of the refits with other priors are not to be relied on."""
+    failed = [f"{kappa:g}" for kappa in kappas if not context.posterior(k, kappa).gate.passed]
+    if not failed:
+        return ()
+    named = " and ".join(failed)
+    text = f"The convergence gate FAILED at kappa {named}: do not rely on what is said of these priors."
+    return (Text(text, "warning"),)
 
 
 def _asked(study: SensitivityStudy) -> str:

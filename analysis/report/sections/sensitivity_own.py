@@ -11,6 +11,7 @@ from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.own_sensitivity import BELIEF, COSTS, DISCOUNT, PRIOR, WORTH, OwnSensitivity, own_sensitivity
 from analysis.report.context import ReportContext
+from analysis.report.doubts import doubts, told_above
 from analysis.report.own_reward import planned_states, rewarded_draws, title_of
 from analysis.report.section import Block, NotSupported, Part, Table, Text, attempt
 from analysis.sensitivity import READING_WORDS
@@ -66,7 +67,7 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
     def drawn(kappa: float) -> ModelDraws:
         return without_actions(rewarded_draws(context, context.posterior(k, kappa).draws()), unseen)
 
-    posterior, quick = context.posterior(k), context.effort.quick
+    quick = context.effort.quick
     tell, label = context.progress, counted(k, "state")
     study = context.kept(
         f"sensitivity to a stated reward, {label}", own_sensitivity, drawn(STICKY.stay),
@@ -75,9 +76,7 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
         few_draws=QUICK_FEW_DRAWS if quick else FEW_DRAWS,
         progress=None if tell is None else lambda step, done, total: tell(f"{label}: {step}", done, total),
     )  # fmt: skip
-    blocks: list[Block] = []
-    if not posterior.gate.passed:
-        blocks.append(Text(f"{posterior.gate.sentence} What follows rests on these draws.", "warning"))
+    blocks: list[Block] = [*doubts(context, k, estimate=False)]
     blocks.append(Text(_sentence(study)))
     blocks += [_table(context, study, kind, k) for kind in TITLES if study.rows[kind]]
     asked = "; ".join(f"{READING_WORDS[r]}: {n:,}" for r, n in study.draws.items())
@@ -87,7 +86,7 @@ def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Blo
             "draws may be off by 1/sqrt(n) either way.", "note",
         )
     )  # fmt: skip
-    return tuple(blocks)
+    return told_above(blocks, study.cautions)
 
 
 def _sentence(study: OwnSensitivity) -> str:

@@ -9,10 +9,14 @@ import pandas as pd
 from analysis.em_study import fewest
 from analysis.figures.state_number import information_criteria, log_likelihoods, optima
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Figure, Origin, Table, Text
+from analysis.report.section import Block, Figure, Headline, Origin, Question, Table, Text
+from analysis.report.sections.states_caveats import SAME_FIT, caveats
 from analysis.wording import counted
 from models.baum_welch import SAME_OPTIMUM
 from models.baum_welch_fit import BaumWelchFit
+
+CLEAR = 6.0
+"""By how much the lowest BIC has to lie below the next to be strong evidence (Kass and Raftery 1995)."""
 
 
 def make(context: ReportContext) -> tuple[Block, ...]:
@@ -26,13 +30,13 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         f"recorded responses ({context.log.n_responses_recorded:,})."
     )
     capped = [k for k, fit in study.fits.items() if not fit.converged]
-    blocks: list[Block] = [Text(summary)]
+    blocks: list[Block] = [Text(summary), *caveats(study)]
     if capped:
         names = " and ".join(counted(k, "state") for k in capped)
         blocks.append(Text(f"The best run did not converge within the cap at {names}.", "warning"))
     blocks += _missed(context)
     blocks += [_criteria(context), _curves(context), Text(study.restarts_sentence), _searches(context)]
-    blocks.append(_optima(context))
+    blocks += [_optima(context), _headline(context)]
     return tuple(blocks)
 
 
@@ -46,7 +50,8 @@ def _criteria(context: ReportContext) -> Table:
     printed_states, printed_value = _printed(context)
     rows = []
     for k, fit in study.fits.items():
-        row: dict[str, object] = {"states": k, "parameters": fit.n_parameters, "aic": fit.aic, "bic": fit.bic}
+        row: dict[str, object] = {"states": k, "parameters": fit.n_parameters}
+        row |= {"edge": study.identifications[k].on_boundary, "aic": fit.aic, "bic": fit.bic}
         row["own"] = fit.log_likelihood
         if study.paper_fits:
             row["procedure"] = study.paper_fits[k].log_likelihood
@@ -55,12 +60,12 @@ def _criteria(context: ReportContext) -> Table:
         rows.append(row)
     frame = pd.DataFrame(rows)
     headings = {
-        "parameters": "free parameters", "aic": "AIC", "bic": "BIC", "own": "longer search",
-        "procedure": "published procedure", "printed": "other data",
+        "parameters": "free parameters", "edge": "of them at 0 or 1", "aic": "AIC", "bic": "BIC",
+        "own": "longer search", "procedure": "published procedure", "printed": "other data",
     }  # fmt: skip
     formats = {
-        "states": "d", "parameters": "d", "aic": ".1f", "bic": ".1f", "own": ".2f", "procedure": ".2f",
-        "printed": ".2f",
+        "states": "d", "parameters": "d", "edge": "d", "aic": ".1f", "bic": ".1f", "own": ".2f",
+        "procedure": ".2f", "printed": ".2f",
     }  # fmt: skip
     origin: tuple[Origin, ...] = (context.origin,)
     caption = "Criteria by number of states. AIC and BIC are those of the longer search and better when lower."
@@ -72,7 +77,7 @@ def _criteria(context: ReportContext) -> Table:
         headings={k: v for k, v in headings.items() if k in frame.columns},
         formats={k: v for k, v in formats.items() if k in frame.columns},
         printed=("printed",) if context.is_published_design else (),
-        groups=(("", 4), ("log-likelihood (nats)", len(frame.columns) - 4)),
+        groups=(("", 5), ("log-likelihood (nats)", len(frame.columns) - 5)),
     )  # fmt: skip
 
 
@@ -186,3 +191,33 @@ def _optima(context: ReportContext) -> Figure:
 def _runs(fit: BaumWelchFit) -> str:
     """What the runs that were taken to the end are called: all restarts, or those a screening stage let through."""
     return "restarts" if fit.settings.finalists is None else "finalists"
+
+
+def _headline(context: ReportContext) -> Headline:
+    """The choice by BIC with its lead over the next; open unless AIC chooses the same and the lead is clear."""
+    study = context.study
+    bic = dict(sorted(((k, fit.bic) for k, fit in study.fits.items()), key=lambda entry: entry[1]))
+    likelihood = [fit.log_likelihood for fit in study.fits.values()]
+    aic = fewest({k: -fit.aic for k, fit in study.fits.items()})
+    best, open_ = study.best_by_bic, True
+    if len(bic) == 1:
+        text = f"Only models with {counted(best, 'state')} were fitted, so nothing is said of their number."
+    elif max(likelihood) - min(likelihood) <= SAME_FIT:
+        text = (
+            f"The likelihood does not tell {' from '.join(map(str, study.states))} states: they lie within "
+            f"{max(likelihood) - min(likelihood):.2g} nats, so BIC, lowest at {best}, merely counts parameters."
+        )
+    else:
+        lead, second = min((value - bic[best], k) for k, value in bic.items() if k != best)
+        text = (
+            f"BIC is lowest at {counted(best, 'state')}, by {lead:.1f} before {second}; AIC at {aic}; the "
+            f"log-likelihood, the paper's criterion, at {study.best_by_log_likelihood}."
+        )
+        open_ = aic != best or lead < CLEAR
+        if open_:
+            text += " These criteria do not settle the number."
+    missed = [k for k, fit in study.fits.items() if not fit.converged]
+    if missed:
+        text += f" Baum-Welch did NOT converge at {' and '.join(map(str, missed))}."
+    kind = "warning" if missed else "open" if open_ else "plain"
+    return Headline(text=text, kind=kind, question=Question.STATES, origin=(context.origin,))

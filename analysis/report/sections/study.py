@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,18 @@ from analysis import response_rates as rates
 from analysis.figures.responses import POINTS_AN_INCH, rate_by_round, rate_heat_map
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.report.section import (
+    Block,
+    Figure,
+    Headline,
+    NotSupported,
+    Origin,
+    Part,
+    Question,
+    Table,
+    Text,
+    attempt,
+)
 from analysis.wording import counted
 
 MOST_SCHEDULES, LONGEST_SCHEDULE = 12, 12
@@ -37,6 +49,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         _conditions(context),
         *_by_round(context),
         *attempt(f"{measure} by condition and schedule", partial(_by_schedule, context)),
+        _headline(context, overall),
     )
 
 
@@ -184,3 +197,19 @@ def _by_schedule(context: ReportContext) -> tuple[Block, ...]:
         formats=dict.fromkeys(frame.columns[1:], ",d"),
     )  # fmt: skip
     return (Figure("rate-by-schedule", (draw,), caption, (alt,), (context.origin,)), table)
+
+
+def _headline(context: ReportContext, overall: Any) -> Headline:
+    """How many took part, and how they responded; `overall` is the row of all responses."""
+    log = context.log
+    ends = (
+        f"{rates.LEVEL:.0%} interval {overall.low:.3f} to {overall.high:.3f}"
+        if np.isfinite([overall.low, overall.high]).all()
+        else "too few to give an interval"
+    )
+    text = (
+        f"{counted(log.n_participants, 'person', 'people')} in {counted(len(log.conditions), 'condition')}, "
+        f"{counted(log.n_responses_recorded, 'recorded response')}; the {rates.measure_name(context.protocol)} is "
+        f"{overall.rate:.3f} ({ends})."
+    )
+    return Headline(text=text, question=Question.PEOPLE, origin=(context.origin,))

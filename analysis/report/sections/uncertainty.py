@@ -13,9 +13,22 @@ from analysis.figures.effects import contrast_by_state
 from analysis.figures.forest import forest
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Drawing, Figure, NotSupported, Part, Table, Text, attempt
+from analysis.report.doubts import flat
+from analysis.report.section import (
+    Block,
+    Drawing,
+    Figure,
+    Headline,
+    NotSupported,
+    Part,
+    Question,
+    Table,
+    Text,
+    attempt,
+)
 from analysis.report.sections import uncertainty_effects
 from analysis.uncertainty import KNOWN, PARTLY, BesideEm, beside_em, contraction, contrasts
+from analysis.wording import counted
 from models.posterior import Posterior
 
 RANKED = 6
@@ -44,7 +57,7 @@ def _of(context: ReportContext, k: int) -> tuple[Block, ...]:
     text = gate.sentence
     if not gate.passed and context.effort.quick:
         text += " This is a quick report with few draws; a full report takes more."
-    blocks: list[Block] = [Text(text, "note" if gate.passed else "warning")]
+    blocks: list[Block] = [*flat(context, (k,)), Text(text, "note" if gate.passed else "warning")]
     found = beside_em(posterior, context.study.fits[k], context.study.bootstraps.get(k))
     if found.stuck:
         blocks.append(Text(found.warning, "warning"))
@@ -57,6 +70,7 @@ def _of(context: ReportContext, k: int) -> tuple[Block, ...]:
         Part("Every entry beside the point estimate", f"forest-part-{k}", _forest(context, k, found), True)
     )
     blocks.append(Part("Do the chains agree?", f"ranks-part-{k}", (_ranks(context, k, posterior),), True))
+    blocks.append(_headline(context, k, posterior, found))
     return tuple(blocks)
 
 
@@ -184,3 +198,26 @@ def _ranks(context: ReportContext, k: int, posterior: Posterior) -> Figure:
         "holds 99% of independent draws.",
         tuple(alt), (context.origin,),
     )  # fmt: skip
+
+
+def _headline(context: ReportContext, k: int, posterior: Posterior, found: BesideEm) -> Headline:
+    """How many entries the data determine, how many are mostly prior; open where that is at least half of them."""
+    learned = found.table["contraction"].dropna()
+    known, prior = int((learned > KNOWN).sum()), int((learned < PARTLY).sum())
+    text = (
+        f"Of {counted(len(learned), 'entry', 'entries')} of the tables {known} are known from the data and {prior} "
+        f"mostly prior (contraction above {KNOWN:g}, below {PARTLY:g}"
+    )
+    text += f"; median {learned.median():.2f})." if len(learned) else ")."
+    flat_ = context.study.identifications[k].mostly_flat
+    if flat_:
+        text += " The likelihood is flat along most directions."
+    if not posterior.gate.passed:
+        text += " The convergence gate FAILED."
+    elif found.stuck:
+        text += f" {found.warning}"
+    failed = not posterior.gate.passed or bool(found.stuck)
+    kind = "warning" if failed else "open" if flat_ or 2 * prior >= len(learned) else "plain"
+    return Headline(
+        text=text, kind=kind, question=Question.KNOWN, origin=(context.origin,), about=counted(k, "state")
+    )

@@ -13,7 +13,7 @@ from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS, kappa_sensitivity
 from analysis.predictive_checks import posterior_checks, prior_predictive, prior_sentence
 from analysis.report.context import ReportContext
-from analysis.report.section import Block, Figure, NotSupported, Part, Table, Text
+from analysis.report.section import Block, Figure, Headline, NotSupported, Part, Question, Table, Text
 from analysis.wording import counted
 from models.posterior import Posterior
 
@@ -34,6 +34,7 @@ def causal(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block,
     blocks.append(Text(found.caveat, "note"))
     if not shown:
         return tuple(blocks)
+    blocks.append(_headline(context, k, found, posterior))
     return (*blocks, _effects_figure(context, k, found, shown), _effects_table(context, k, found, shown))
 
 
@@ -158,4 +159,31 @@ def checks(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block,
         Text(found.sentence, "warning" if len(found.failed) else "plain"),
         figure,
         Part("What the prior alone predicts", f"prior-part-{k}", (Text(prior_sentence(prior)), table), True),
+    )
+
+
+def _headline(context: ReportContext, k: int, found: CausalEffects, posterior: Posterior) -> Headline:
+    """What always acting changes, by the model; a sign is open where the interval holds zero."""
+    parts, undecided, shown = [], 0, [a for a in found.actions if a not in found.silent]
+    for action in shown:
+        row = found.of(action).iloc[-1]
+        open_ = not (row["low"] > 0 or row["high"] < 0)
+        undecided += open_
+        # No minus before a rounded zero.
+        mean, low, high = (round(found.scale * float(row[c]), 1) + 0.0 for c in ("mean", "low", "high"))
+        told = f"{low:+.1f} to {high:+.1f}" + (": sign not decidable" if open_ else "")
+        parts.append(f"{mean:+.1f} with '{spoken(action)}' ({told})")
+    text = (
+        f"Always acting instead of never changes the {found.measure} by so many {found.unit}, by the model "
+        f"({found.level:.0%} intervals): {'; '.join(parts)}."
+    )
+    if found.not_randomised:
+        text += " Not randomised, so this is no estimate of an effect."
+    passed = posterior.gate.passed
+    if not passed:
+        text += " The convergence gate FAILED."
+    open_ = undecided == len(parts) or bool(found.not_randomised)
+    kind = "warning" if not passed else "open" if open_ else "plain"
+    return Headline(
+        text=text, kind=kind, question=Question.EFFECT, origin=(context.origin,), about=counted(k, "state")
     )

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.simulate import calibrated_truth
 from models.errors import InputError
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
@@ -69,6 +70,25 @@ def test_no_shortcut_beats_the_exact_plans(schedule, prices):
         assert p.cvar <= careful.cvar + slack
         assert p.max_regret >= regret.max_regret - slack
     assert bayes.mean <= own_plans(schedule).mean
+
+
+def test_that_the_best_plan_is_a_simple_rule_is_said(prices, schedule):
+    assert prices.best.name == "Bayes-adaptive"
+    assert prices.best_baseline == "never"
+    assert set(np.concatenate(solve_schedule(schedule).decisions)) == {0}  # in truth it never acts
+    assert "just what 'never' is worth: under all this doubt the best plan is 'never'. Lost by" in prices.sentence
+    assert "it gains" not in prices.sentence
+    assert "never 0" not in prices.sentence
+
+
+def test_plans_that_are_no_simple_rule_are_not_called_one():
+    schedule = Schedule.of(ModelDraws.from_models([calibrated_truth()]), "HRHRH")
+    found = price(schedule, standard_candidates(schedule))
+    baselines = [p for p in found.prices if p.about.startswith("baseline")]
+    assert len(baselines) >= 4
+    assert max(p.mean for p in baselines) < found.best.mean
+    assert found.best_baseline == ""
+    assert "; against never helping it gains" in found.sentence
 
 
 def test_held_out_scores_come_from_the_other_half(schedule):

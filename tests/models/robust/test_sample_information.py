@@ -17,7 +17,7 @@ from models.robust.own_plans import own_plans
 from models.robust.plan_table import PlanTable
 from models.robust.sample_information import enumerated_information, sample_information
 from models.robust.study_design import Arm, NextStudy
-from models.robust.study_worth import StudyWorth
+from models.robust.study_worth import SampleInformation, StudyWorth
 from tests.models.robust.information_cases import cloud, constant, contested, doubts, next_studies
 from tests.reference.information import sample_value
 
@@ -218,11 +218,44 @@ def test_sentences():
     little = row(served=100, cost=2.0)
     assert little.sentence.endswith(f"the study loses {-little.net:.0f} in all.")
     assert "scored" not in row(held_out=float("nan")).sentence
-    few = row(effective=12.3)
+    few = row(effective=42.3)
     assert not few.enough
     assert few.sentence.endswith(
-        "(12 effective draws are left after such data, 100 wanted: too few to say; take more draws)."
+        "(42 effective draws are left after such data, 100 wanted: too few to say; take more draws)."
     )
+
+
+def test_what_too_few_draws_are_left_for_is_not_said():
+    for left, words in ((1.2, "1 effective draw is left"), (19.4, "19 effective draws are left")):
+        none = row(effective=left)
+        assert not none.sayable
+        assert none.sentence == (
+            f"What 200 more people under x would be worth cannot be said from these draws: {words} after such "
+            "data, 100 wanted; take more draws."
+        )
+    assert row(effective=20.0).sayable
+    assert row(effective=1.0, sampled=False).sayable
+    assert row(effective=1.0, sampled=False).sentence.startswith("200 more people under x would be worth 0.81")
+
+
+def test_studies_of_which_nothing_can_be_said_take_nothing_away_from_the_doubt():
+    def told(*rows):
+        return SampleInformation(
+            tuple(rows), np.zeros(0), np.zeros(0), ("x",), (1, 2)[: len(rows)], 2.1, "HR", 1, True
+        )
+
+    none = told(row(effective=1.2), row(effective=0.8, worth=2.0, held_out=2.0))
+    assert none.sentence == (
+        "What these studies would be worth cannot be said from these draws: at most 1 effective draw is left after "
+        "such data, 100 wanted; take more draws."
+    )
+    # A larger number that cannot be said does not stand before a smaller one that can, with a warning.
+    one = told(row(effective=30.0, worth=0.5, held_out=0.4), row(effective=1.0, worth=2.0, held_out=2.0))
+    assert one.best is one.rows[0]
+    assert one.sentence.startswith("The best of these studies takes away 19% to 24% of what doubt costs: 200 more")
+    nothing = told(row(effective=30.0, worth=0.0, held_out=0.0), row(effective=1.0))
+    assert nothing.sentence.endswith("as far as these draws can say; take more draws.")
+    assert told(row(worth=0.0, held_out=0.0)).sentence.endswith("more data of this kind are worth nothing.")
 
 
 def test_the_best_study_is_net_of_its_cost():

@@ -1,0 +1,75 @@
+"""Why numbers of a section may not be trusted, said once beside the first of them.
+
+Results repeat the cautions of what they are made from in every sentence (`models.cautions`), which is right where a
+sentence stands alone. Below a warning that says the same at length it is once too often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from analysis.report.context import ReportContext
+from analysis.report.section import Block, Figure, Part, Points, Text
+from analysis.stakes import other_stakes
+from analysis.wording import counted
+from models.cautions import uncautioned
+
+
+def doubts(context: ReportContext, k: int, *, estimate: bool = True, posterior: bool = True) -> tuple[Text, ...]:
+    """Warnings on the fits of one number of states; none where both can be relied on.
+
+    Parameters
+    ----------
+    context : ReportContext
+    k : int
+        Number of states.
+    estimate, posterior : bool
+        Whether numbers rest on the point estimate, and on draws of the posterior.
+    """
+    out = []
+    if posterior and not (gate := context.posterior(k).gate).passed:
+        out.append(f"{gate.sentence} What follows rests on these draws.")
+    if estimate and (caution := context.study.fits[k].caution):
+        out.append(
+            f"{caution}: its tables are no maximum of the likelihood. Do not rely on what follows from the point "
+            "estimate."
+        )
+    return tuple(Text(text, "warning") for text in out)
+
+
+def flat(context: ReportContext, states: Sequence[int]) -> tuple[Text, ...]:
+    """That the histories leave most directions of the tables open, for the numbers of states where they do.
+
+    Parameters
+    ----------
+    context : ReportContext
+    states : sequence of int
+    """
+    found = [(k, context.study.identifications[k]) for k in states]
+    return tuple(
+        Text(f"With {counted(k, 'state')}: {own.flat_sentence}", "warning") for k, own in found if own.mostly_flat
+    )
+
+
+def stakes(context: ReportContext) -> tuple[Text, ...]:
+    """That these people played for something else than what the paper's reward is about, where they did."""
+    note = "" if context.stated is not None else other_stakes(context.data.card)
+    return (Text(note, "note"),) if note else ()
+
+
+def told_above(blocks: Iterable[Block], cautions: Sequence[str]) -> tuple[Block, ...]:
+    """Blocks whose sentences do not repeat cautions that stand above them."""
+    return tuple(_without(block, cautions) for block in blocks) if cautions else tuple(blocks)
+
+
+def _without(block: Block, cautions: Sequence[str]) -> Block:
+    if isinstance(block, Part):
+        return replace(block, blocks=told_above(block.blocks, cautions))
+    if isinstance(block, Text):
+        return replace(block, text=uncautioned(block.text, cautions))
+    if isinstance(block, Points):
+        return replace(block, items=tuple(uncautioned(text, cautions) for text in block.items))
+    if isinstance(block, Figure):
+        return replace(block, alt=tuple(uncautioned(text, cautions) for text in block.alt))
+    return block

@@ -142,8 +142,8 @@ for ax, (k, fit) in zip(axes, fits.items(), strict=True):
 wb.show(axes[0], "simulated", "One dot an entry, the bar its table's median. Grey: the prior; green: the data.")
 
 # %% [markdown]
-# **How to read it.** With 2 states 540 people determine the tables. With the paper's 4 the transition tables *are the
-# prior*: whoever quotes $T(s' \mid s, a)$ from such a fit quotes an assumption. **What not to conclude:** that there are
+# **How to read it.** With 2 states 540 people determine the tables. With the paper's 4 the transition tables *are mostly
+# the prior*: whoever quotes $T(s' \mid s, a)$ from such a fit quotes an assumption. **What not to conclude:** that there are
 # two kinds of people. The truth behind these simulated data has four; the design cannot show them.
 #
 # ## What one action changes

@@ -157,6 +157,12 @@ def test_the_line_stands_once_and_last():
     assert uncautioned(text, cautions) == "Worth 3. The least bad: 2."
     assert cautioned("Worth 3.", ()) == uncautioned("Worth 3.", ()) == "Worth 3."
     assert cautioned("", cautions) == ""
+    assert cautioned("first at 0.06", cautions) == cautioned("first at 0.06.", cautions) == f"first at 0.06. {line}"
+    assert cautioned(f"first at 0.06 {line}", cautions) == f"first at 0.06. {line}"
+    assert cautioned("first at 0.06", ()) == "first at 0.06"
+    assert uncautioned(f"{cautioned('first at 0.06', cautions)}.", cautions) == "first at 0.06."
+    for whole in ("Worth 3 (about.)", "Worth it?", "Plans:"):
+        assert cautioned(whole, cautions) == f"{whole} {line}"
     assert told_once(["one", f"two. {line}", f"three. {line}"], cautions) == ["one", f"two. {line}", "three."]
     assert told_once(["one"], ()) == ["one"]
     assert together((), ("x",), ("y", "x")) == ("x", "y")

@@ -9,37 +9,12 @@ import pytest
 from scipy.special import expit
 
 from models.glmm_data import Likelihood, Patterns, Rule
-from models.glmm_exact import ExactLikelihood, exact_log_likelihood
 from models.glmm_kernel import REACH, logistic
 from models.glmm_nodes import DISAGREE, LOWER, TOLERATED, WRONG, NodeCheck, check_nodes
 from models.glmm_optimise import maximise
+from tests.models.quadrature_cases import GROUPS, differences, patterns_of
 from tests.reference import glmm as reference
 from tests.reference import glmm_exact as exact_reference
-
-GROUPS = {
-    "single outcomes": ([0.3, -0.7, 1.1], [1, 0, 1], [1, 1, 1]),
-    "some of several": ([0.2, -1.2, 2.0], [2, 1, 0], [3, 1, 2]),
-    "one outcome": ([0.4], [1], [1]),
-    "many of many": ([0.1, -0.4, 0.2], [250, 30, 1], [500, 90, 1]),  # products would underflow
-    "half of many": ([0.0], [600], [1200]),
-    "all of many": ([0.0], [600], [600]),
-    "none of many": ([0.0, 0.1], [0, 0], [600, 40]),
-    "as expected, far out": ([350.0, -340.0], [1, 0], [1, 1]),
-    "a surprise": ([200.0, -5.0], [0, 1], [1, 1]),
-    "far beyond exponents": ([800.0, 1.0], [2, 1], [2, 3]),
-}
-
-
-def patterns_of(eta, successes, trials):
-    """One group whose linear predictors are coefficients, one a row, so that there is a derivative for each."""
-    n = len(eta)
-    ones, hits, m = np.zeros(n), np.array(successes, float), np.array(trials, float)
-    return Patterns.from_rows(np.eye(n), ones, hits, m, np.ones(n), np.zeros(n, int), compress=False)
-
-
-def differences(value, theta, step=1e-5):
-    moved = [step * e for e in np.eye(len(theta))]
-    return np.array([(value(theta + e) - value(theta - e)) / (2 * step) for e in moved])
 
 
 def rule_value(group, n_nodes):
@@ -70,6 +45,26 @@ def test_value_mode_scale_and_every_derivative_of_the_rule(name, n_nodes, s):
     np.testing.assert_allclose(likelihood._drift_in_s[0], moves[-1], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(likelihood._eta, eta, rtol=1e-15)
     assert likelihood._before[0] == s
+
+
+@pytest.mark.parametrize("s", [0.05, -0.1])
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [0, 2, 1]])
+def test_a_surprise_anywhere_in_a_group_is_summed_in_logarithms(order, s):
+    """Where little else is improbable, whether a product of probabilities would underflow is told by one row."""
+    rows = [np.array(part, float)[order] for part in GROUPS["ten surprises among others"]]
+    value, gradient = Likelihood(patterns_of(*rows), Rule.hermite(3))(np.append(rows[0], s))
+    assert value - patterns_of(*rows).constant == pytest.approx(reference.group(*rows, s, 3)[0], rel=1e-12)
+    assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("n_nodes", [2, 3, 5])
+def test_a_mode_close_by_whose_nodes_are_far_is_summed_in_logarithms(n_nodes):
+    """A hundred of a hundred: plain exponentials would overflow at the farthest node."""
+    eta, hits, s = np.array([2.3]), np.array([100.0]), 50.0
+    patterns = patterns_of(eta, hits, hits)
+    value, gradient = Likelihood(patterns, Rule.hermite(n_nodes))(np.append(eta, s))
+    assert value - patterns.constant == pytest.approx(reference.group(eta, hits, hits, s, n_nodes)[0], rel=1e-11)
+    assert np.isfinite(gradient).all()
 
 
 @pytest.mark.parametrize("n_nodes", [1, 4])
@@ -113,34 +108,6 @@ def test_both_tails_to_full_precision(eta):
     )  # plain products of both outcomes' probabilities fit into a double with room to spare
 
 
-# -- the exact likelihood ------------------------------------------------------------------------------
-@pytest.mark.parametrize("s", [0.0, 0.4, 0.6, -2.0, 40.0])
-@pytest.mark.parametrize("name", ["one outcome", "single outcomes", "some of several"])
-def test_the_exact_likelihood_and_every_derivative(name, s):
-    patterns = patterns_of(*GROUPS[name])
-    theta = np.append(np.array(GROUPS[name][0], float), s)
-    likelihood = ExactLikelihood(patterns)
-    value, gradient = likelihood(theta)
-    assert exact_log_likelihood(patterns, theta) == value
-    assert value == pytest.approx(exact_reference.exact_log_likelihood(patterns, theta), rel=1e-10, abs=1e-10)
-    slopes = differences(lambda t: exact_reference.exact_log_likelihood(patterns, t), theta, 1e-4)
-    np.testing.assert_allclose(gradient, slopes, rtol=2e-5, atol=2e-6 * max(1.0, sum(GROUPS[name][2])))
-    np.testing.assert_allclose(likelihood.scores[0], gradient, rtol=1e-14)
-    assert likelihood.calls == 1
-
-
-def test_the_exact_likelihood_adds_groups_up():
-    design = np.array([[1, 0.5], [1, -0.2], [1, 0.1], [1, 0.5], [1, -0.2], [1, 2.0], [1, 1.0]])
-    offset = np.array([0.0, 0.3, -0.3, 0.0, 0.3, 0.1, 0.0])
-    hits, m = np.array([1.0, 0, 2, 1, 0, 0, 1]), np.array([1.0, 2, 3, 1, 2, 1, 1])
-    patterns = Patterns.from_rows(design, offset, hits, m, np.ones(7), np.array([0, 0, 1, 2, 2, 3, 3]))
-    for theta in (np.array([0.2, -0.6, 1.3]), np.array([9.0, -0.6, 30.0]), np.array([-9.0, 3.0, 3.0])):
-        value, gradient = ExactLikelihood(patterns)(theta)
-        plain = lambda t: exact_reference.exact_log_likelihood(patterns, t)  # noqa: E731
-        assert value == pytest.approx(plain(theta), rel=1e-11)
-        np.testing.assert_allclose(gradient, differences(plain, theta, 1e-4), rtol=1e-6, atol=1e-7)
-
-
 # -- how much the nodes matter -------------------------------------------------------------------------
 def check(**changed):
     given = {
@@ -173,7 +140,8 @@ def test_a_check_in_words():
     assert check().text == "sd 1 with 25 nodes, 1.25 with 51 (+2.5e-01)"
     assert check(nodes=1, finer_nodes=3).text == "sd 1 with Laplace, 1.25 with 3 (+2.5e-01)"
     found = check(exact=-10.5, best_exact=-9.25, best_sd=0.5).text
-    assert found.endswith(
+    assert found == (
+        "sd 1 with 25 nodes, 1.25 with 51 (+2.5e-01)"
         "; the log-likelihood there is -10.5000 exactly, not -10.0000, and has its maximum, -9.2500, at sd 0.5"
     )
     assert check(nodes=11, exact=-10.52).text.endswith("; the log-likelihood there is about -10.5, not -10.0000")

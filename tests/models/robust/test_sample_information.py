@@ -252,7 +252,9 @@ def test_studies_of_which_nothing_can_be_said_take_nothing_away_from_the_doubt()
     # A larger number that cannot be said does not stand before a smaller one that can, with a warning.
     one = told(row(effective=30.0, worth=0.5, held_out=0.4), row(effective=1.0, worth=2.0, held_out=2.0))
     assert one.best is one.rows[0]
-    assert one.sentence.startswith("The best of these studies takes away 19% to 24% of what doubt costs: 200 more")
+    assert one.sentence.startswith(
+        "The best of these studies, by what is sure of it, takes away 19% to 24% of what doubt costs: 200 more"
+    )
     nothing = told(row(effective=30.0, worth=0.0, held_out=0.0), row(effective=1.0))
     assert nothing.sentence.endswith("as far as these draws can say; take more draws.")
     assert told(row(worth=0.0, held_out=0.0)).sentence.endswith("more data of this kind are worth nothing.")

@@ -73,6 +73,8 @@ class CausalEffects(NotebookView):
     draws : int
     silent : tuple of str
         Actions the study never shows followed by anything: their effects are the prior's.
+    cautions : tuple of str
+        Why not to trust the posterior (`models.cautions`).
     """
 
     table: pd.DataFrame
@@ -84,6 +86,7 @@ class CausalEffects(NotebookView):
     kind: str
     draws: int
     silent: tuple[str, ...]
+    cautions: tuple[str, ...] = ()
 
     def of(self, action: str) -> pd.DataFrame:
         """Rows of one action, rounds first and their mean last."""
@@ -178,7 +181,7 @@ def causal_effects(
     return CausalEffects(
         pd.concat(parts, ignore_index=True), level, "percentage points" if share else "points of score",
         100.0 if share else 1.0, rates.measure_name(protocol), {m: r for m, r in reasons.items() if r}, kind,
-        learned.n_draws, silent_actions(log),
+        learned.n_draws, silent_actions(log), posterior.draws_cautions,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -42,15 +43,20 @@ def verify_command(
 
     Example: prosocial audit verify person-7.log --last-hash "$(cat person-7.hash)"
     """
+    from models.cautions import caution_line, uncautioned
     from models.safeguards.replay import verify
 
     report = Report(json, quiet)
     distinct_files({"LOG": log, "--json": json})
     found = verify(log, last_hash)
+    if found.cautions:
+        print(f"prosocial: {log}: {caution_line(found.cautions)}", file=sys.stderr)
+    # Once is enough.
+    said = uncautioned(found.sentence, found.cautions)
     report.finish({"log": log, **found.to_dict()})
     if not found.ok:
-        lines = [f"{log}: {found.sentence.rstrip('.')}", *(f"  {f}" for f in found.findings[:MOST_SHOWN])]
+        lines = [f"{log}: {said.rstrip('.')}", *(f"  {f}" for f in found.findings[:MOST_SHOWN])]
         hidden = len(found.findings) - MOST_SHOWN
         raise InputError("\n".join([*lines, f"  and {counted(hidden, 'more', 'more')}"] if hidden > 0 else lines))
-    report.say(f"{log}: {found.sentence}")
+    report.say(f"{log}: {said}")
     report.say(f"last hash: {found.last_hash}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -134,7 +135,7 @@ def _schedule(
     report.say(_rows({name: _measures(v) for name, v in results.items()}))
     report.say(best.reason(best.begin(known.modes[0])))
     report.say(_unit(model))
-    _write(best, out)
+    _write(best, out, model.cautions)
     return {
         "value": plan.value, "first_action": plan.first_action, "help_rate": own.help_rate,
         "costly_actions": own.costly_actions, "policies": {name: _measures(v) for name, v in results.items()},
@@ -173,7 +174,7 @@ def _infinite(
     first = next(iter(problem.starts()))[0]
     report.say(policy.reason(policy.begin(first)))
     report.say(_unit(model))
-    _write(policy, out)
+    _write(policy, out, model.cautions)
     return {
         "lower": solution.lower, "upper": solution.upper, "gap": solution.gap,
         "relative_gap": solution.relative_gap, "status": solution.status, "seconds": solution.seconds,
@@ -252,11 +253,11 @@ def _unit(model: LatentStatePOMDP) -> str:
     return f"Values in {model.reward.unit} ({steep}costs: {costs or 'none'})."
 
 
-def _write(policy: Any, out: str | None) -> None:
+def _write(policy: Any, out: str | None, cautions: Sequence[str]) -> None:
     if out is not None:
         from models.planning.policy_files import write_policy
 
         try:
-            write_policy(policy, out)
+            write_policy(policy, out, cautions)
         except OSError as error:
             raise InputError(f"--policy {out}: cannot be written: {error.strerror}") from None

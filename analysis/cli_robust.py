@@ -240,4 +240,5 @@ def _write(study: RobustStudy, path: str | None) -> None:
     from models.planning.policy_files import write_policy
 
     chosen = study.chosen
-    write_policy(MixedPolicy.of(study.schedule, chosen.plans, chosen.share, f"robust ({study.criterion})"), path)
+    made = MixedPolicy.of(study.schedule, chosen.plans, chosen.share, f"robust ({study.criterion})")
+    write_policy(made, path, study.cautions)

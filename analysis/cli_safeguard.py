@@ -132,7 +132,7 @@ def safeguard_command(
         # Before all that is said: whoever reads a few lines only may end the command.
         from models.planning.policy_files import write_policy
 
-        write_policy(study.guarded, policy)
+        write_policy(study.guarded, policy, study.cautions)
     report.say(f"{source.sentence}. Schedule {known.letters}, discount {known.discount:g}.")
     for line in told_once(lines(study), study.cautions):
         report.say(line)

@@ -68,6 +68,7 @@ def session_command(
     Example: prosocial session policy.json --log person-7.log --budget 45
     """
     from analysis.session_talk import Talk
+    from models.cautions import caution_line
     from models.runtime_setting import protocol_of
 
     report = Report(json, quiet)
@@ -87,6 +88,8 @@ def session_command(
     known = protocol_of(session.policy, given)
     talk = Talk(session, known, person=sys.stdin.isatty())
     place = restore or log
+    if session.cautions:
+        print(f"prosocial: {policy_file or place}: {caution_line(session.cautions)}", file=sys.stderr)
     try:
         with session:
             _converse(talk, report, place, restored=restore is not None)
@@ -102,7 +105,7 @@ def session_command(
         {"policy": session.policy.name, "log": place, "seed": session.seed, "restored": restore is not None,
          "events": session.event, "decisions": talk.actions.total(), "actions": dict(talk.actions),
          "changed": dict(talk.changed), "consent": session.consent.value, "refused": talk.refused,
-         "last_hash": session.last_hash}
+         "last_hash": session.last_hash, "cautions": list(session.cautions)}
     )  # fmt: skip
     if talk.refused and not sys.stdin.isatty():
         raise InputError(f"{counted(talk.refused, 'line')} could not be used")
@@ -151,9 +154,12 @@ def _with_budget(
     charges = {**protocol.costs, **{name: value for name, value in costs_of(cost).items() if value is not None}}
     limit = CostBudget.of(protocol, budget, charges)
     if isinstance(policy, Guarded):
-        return Guarded(
+        made = Guarded(
             policy.policy, (*policy.safeguards, limit), fallback, policy.worth_source, policy.name
         )  # fmt: skip
+        # Its file may say more against it than the policy inside does.
+        made.cautions = policy.cautions
+        return made
     return Guarded(policy, (limit,), fallback)
 
 

@@ -73,7 +73,7 @@ def solve_command(
         solution = solve(chosen, precision, relative=not absolute, time_limit=time_limit, progress=watch)
     if policy is not None:
         try:
-            write_policy(solution.policy, policy)
+            write_policy(solution.policy, policy, solution.cautions)
         except OSError as error:
             raise InputError(f"--policy {policy}: cannot be written: {error.strerror}") from None
     report.say(solution.sentence)

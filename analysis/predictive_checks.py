@@ -137,12 +137,15 @@ class PredictiveChecks(NotebookView):
     draws : int
     level : float
     n_states : int
+    cautions : tuple of str
+        Why not to trust the posterior (`models.cautions`).
     """
 
     table: pd.DataFrame
     draws: int
     level: float
     n_states: int
+    cautions: tuple[str, ...] = ()
 
     @property
     def failed(self) -> pd.DataFrame:
@@ -194,7 +197,7 @@ def posterior_checks(
     streams = [np.random.SeedSequence(seed, spawn_key=(STREAM, 0, i)) for i in range(len(tables.initial))]
     responses = predictive_responses(tables, log, streams, groups)
     simulated = np.stack([statistics.of(r) for r in responses])
-    return _compared(statistics, simulated, posterior.n_states, level)
+    return _compared(statistics, simulated, posterior.n_states, level, posterior.draws_cautions)
 
 
 def prior_draws(layout: Layout, prior: DirichletPrior, draws: int, rng: np.random.Generator) -> ModelDraws:
@@ -280,7 +283,9 @@ def _simulated(models: ModelDraws, statistics: Statistics, seed: int, task: int)
     return np.stack(out)
 
 
-def _compared(statistics: Statistics, simulated: Array, n_states: int, level: float) -> PredictiveChecks:
+def _compared(
+    statistics: Statistics, simulated: Array, n_states: int, level: float, cautions: tuple[str, ...]
+) -> PredictiveChecks:
     observed = statistics.of(statistics.log.response)
     low, high = interval(simulated, level)
     p = (simulated > observed).mean(axis=0) + 0.5 * np.isclose(simulated, observed, rtol=1e-12).mean(axis=0)
@@ -288,4 +293,4 @@ def _compared(statistics: Statistics, simulated: Array, n_states: int, level: fl
         observed=observed, mean=simulated.mean(axis=0), sd=simulated.std(axis=0, ddof=1), low=low, high=high, p=p,
         outside=(observed < low - 1e-12) | (observed > high + 1e-12),
     )  # fmt: skip
-    return PredictiveChecks(frame, len(simulated), level, n_states)
+    return PredictiveChecks(frame, len(simulated), level, n_states, cautions)

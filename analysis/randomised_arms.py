@@ -44,6 +44,12 @@ def why_not_randomised(log: EventLog, mode: str) -> str:
     return ""
 
 
+def answering(log: EventLog) -> tuple[str, ...]:
+    """Modes whose action varies within a person, so that it may answer to what people did: nobody assigned it."""
+    varies = (arms(log) == -1).any(axis=0)
+    return tuple(name for name, own in zip(log.protocol.mode_names, varies, strict=True) if own)
+
+
 def arm_differences(log: EventLog, null: str, action: str, level: float) -> pd.DataFrame | None:
     r"""Difference of the response measure between the arms that always and never take an action.
 

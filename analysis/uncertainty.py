@@ -25,6 +25,7 @@ from models.lspomdp import default_state_names
 from models.notebook_view import NotebookView
 from models.parameters import Array
 from models.posterior import Posterior
+from models.unseen import EVIDENCE, recorded_evidence, unseen_actions
 
 KNOWN, PARTLY, UNKNOWN = 0.8, 0.5, 0.1
 """Contraction above which an entry is known from the data, below which it is mostly prior, and *is* the prior."""
@@ -52,12 +53,15 @@ class Contraction(NotebookView):
         Indexed by table: ``entries``, ``median``, ``lowest`` and ``highest`` contraction.
     n_states : int
     level : float
+    cautions : tuple of str
+        Why not to trust the posterior (`models.cautions`).
     """
 
     table: pd.DataFrame
     by_table: pd.DataFrame
     n_states: int
     level: float
+    cautions: tuple[str, ...] = ()
 
     @property
     def moves(self) -> Array:
@@ -123,7 +127,7 @@ def contraction(posterior: Posterior, level: float = LEVEL) -> Contraction:
         frame = frame[frame["table"].str.startswith("responses")].reset_index(drop=True)
     groups = frame.groupby("table", sort=False)["contraction"]
     by_table = groups.agg(entries="size", median="median", lowest="min", highest="max")
-    return Contraction(frame, by_table, posterior.n_states, level)
+    return Contraction(frame, by_table, posterior.n_states, level, posterior.draws_cautions)
 
 
 def _table_of(name: str) -> str:
@@ -177,6 +181,8 @@ class Contrasts(NotebookView):
     level, scale : float
         `scale` leads from the table's numbers to `unit`.
     unit, measure : str
+    cautions : tuple of str
+        Why not to trust the posterior (`models.cautions`).
     """
 
     table: pd.DataFrame
@@ -185,6 +191,7 @@ class Contrasts(NotebookView):
     scale: float
     unit: str
     measure: str
+    cautions: tuple[str, ...] = ()
 
     def sentence_of(self, action: str) -> str:
         """What one action changes for the average person at the start."""
@@ -250,7 +257,7 @@ def contrasts(posterior: Posterior, silent: Collection[str] = (), level: float =
         raise located("contrasts, actions", list(protocol.action_names), "a mode with more than its null action")
     return Contrasts(
         pd.concat(parts, ignore_index=True), posterior.n_states, level, 100.0 if share else 1.0,
-        "percentage points" if share else "points of score", rates.measure_name(protocol),
+        "percentage points" if share else "points of score", rates.measure_name(protocol), posterior.draws_cautions,
     )  # fmt: skip
 
 
@@ -273,18 +280,22 @@ class BesideEm(NotebookView):
     Attributes
     ----------
     table : DataFrame
-        The columns of `Contraction.table`, and ``em``, ``boot_low``, ``boot_high`` (NaN without a bootstrap).
+        The columns of `Contraction.table`, and ``em``, ``boot_low``, ``boot_high`` (NaN without a bootstrap; all
+        three for transitions of actions that the data say nothing about).
     n_states : int
     level : float
     stuck : tuple of int
         Chains, from 1, whose mean log-likelihood is more than one nat a free parameter and `SLACK` more below EM's
         maximum. About half a nat a parameter is what a posterior around that maximum costs.
+    cautions : tuple of str
+        Why not to trust the posterior (`models.cautions`).
     """
 
     table: pd.DataFrame
     n_states: int
     level: float
     stuck: tuple[int, ...] = ()
+    cautions: tuple[str, ...] = ()
 
     @property
     def warning(self) -> str:
@@ -300,7 +311,7 @@ class BesideEm(NotebookView):
     @property
     def sentence(self) -> str:
         """Where the two disagree."""
-        t = self.table[self.table["contraction"].notna()]
+        t = self.table[self.table["contraction"].notna() & self.table["em"].notna()]
         outside = (t["em"] < t["low"]) | (t["em"] > t["high"])
         edge = (t["em"] < 1e-6) | (t["em"] > 1 - 1e-6)
         text = (
@@ -323,6 +334,7 @@ def beside_em(
     InputError
         If the numbers of states differ.
     """
+    p = posterior.protocol
     if fit.n_states != posterior.n_states:
         raise located("EM fit, states", fit.n_states, f"{posterior.n_states}, as the posterior")
     frame = contraction(posterior, level).table
@@ -337,9 +349,14 @@ def beside_em(
         )
         ends = [_flat(posterior, *side)[keep] for side in sides]
     frame["boot_low"], frame["boot_high"] = ends
+    # Baum-Welch leaves the tables of actions without evidence where they began: no estimate, and no interval.
+    silent = {f"moves: {a}" for a in unseen_actions(recorded_evidence(posterior.settings, p) or {}, p)}
+    if silent and EVIDENCE in posterior.settings:
+        frame.loc[frame["table"].isin(silent), ["em", "boot_low", "boot_high"]] = np.nan
     by_chain = posterior.data["log_likelihood"].to_dataset()["participant"].sum("person").mean("draw").to_numpy()
     low = by_chain < fit.log_likelihood - fit.n_parameters - SLACK
-    return BesideEm(frame, posterior.n_states, level, tuple(int(c) + 1 for c in np.flatnonzero(low)))
+    stuck = tuple(int(c) + 1 for c in np.flatnonzero(low))
+    return BesideEm(frame, posterior.n_states, level, stuck, posterior.draws_cautions)
 
 
 def _flat(posterior: Posterior, initial: Array, transition: Array, emission: Array) -> Array:

@@ -17,6 +17,7 @@ Examples
 from __future__ import annotations
 
 import ast
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -41,10 +42,24 @@ def homes() -> dict[str, tuple[str, str]]:
 def __getattr__(name: str) -> Any:
     """Load a name from its home; kept from then on."""
     if name not in homes():
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{_hint(name)}", name=name)
     module, own = homes()[name]
     found = globals()[name] = getattr(import_module(module), own)
     return found
+
+
+def _hint(name: str) -> str:
+    """What was meant, perhaps, and where the names are; nothing for names that only machinery asks for."""
+    if name.startswith("__"):
+        return ""
+    # By small letters, so that a name is found whatever its capitals; then by one word of a name of several.
+    whole = {known.lower(): known for known in homes()}
+    words = {word: known for own, known in whole.items() for word in own.split("_")}
+    near = next(
+        (known[n[0]] for known in (whole, words) if (n := get_close_matches(name.lower(), known, 1, 0.75))), ""
+    )
+    meant = f"; did you mean {near!r}?" if near else ";"
+    return f"{meant} dir() of the module and {_STUB.name} list its names"
 
 
 def __dir__() -> list[str]:

@@ -7,12 +7,17 @@ those of what they are made of, and every result repeats them in one line (`mode
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from typing import Any
 
+from models.errors import located
+
 BEGINS = "CAUTION: "
 """How the line begins."""
+
+ENDS = (".", "!", "?", ":", ".)", "!)", "?)")
+"""How a text ends that the line may follow as it is."""
 
 
 def cautions_of(source: Any) -> tuple[str, ...]:
@@ -38,6 +43,28 @@ def together(*sources: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(text for source in sources for text in source))
 
 
+def read_cautions(place: str, content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Cautions in the content of a file that others may have written; none where it does not say.
+
+    Each is one line of letters that can be shown, since a terminal shows it.
+
+    Raises
+    ------
+    InputError
+        On anything but a list of such texts.
+
+    Examples
+    --------
+    >>> read_cautions("policy.json", {}), read_cautions("policy.json", {"cautions": ["few draws"]})
+    ((), ('few draws',))
+    """
+    given = content.get("cautions", [])
+    good = isinstance(given, list) and all(isinstance(v, str) and v.strip() and v.isprintable() for v in given)
+    if not good:
+        raise located(f"{place}, key cautions", given, "a list of texts of one line")
+    return tuple(given)
+
+
 def caution_line(cautions: Sequence[str]) -> str:
     """Cautions in one line; empty if there are none.
 
@@ -52,18 +79,35 @@ def caution_line(cautions: Sequence[str]) -> str:
 def cautioned(text: str, cautions: Sequence[str]) -> str:
     """A text that ends with the line of its cautions, wherever the line stood before.
 
+    A text without a full stop gets one, so that the line is a sentence of its own.
+
     Examples
     --------
     >>> cautioned("Worth 3. CAUTION: x; do not rely on these numbers. More.", ("x",))
     'Worth 3. More. CAUTION: x; do not rely on these numbers.'
+    >>> cautioned("flips at 0.06", ("x",))
+    'flips at 0.06. CAUTION: x; do not rely on these numbers.'
     """
-    return f"{uncautioned(text, cautions)} {caution_line(cautions)}" if cautions and text else text
+    if not cautions or not text:
+        return text
+    own = uncautioned(text, cautions)
+    return f"{own}{'' if own.endswith(ENDS) else '.'} {caution_line(cautions)}"
 
 
 def uncautioned(text: str, cautions: Sequence[str]) -> str:
-    """A text without the line, for where it stands beside already."""
+    """A text without the line, for where it stands beside already.
+
+    A full stop that somebody put behind the line goes with it: the text before has its own.
+
+    Examples
+    --------
+    >>> uncautioned(cautioned("flips at 0.06", ("x",)) + ".", ("x",))
+    'flips at 0.06.'
+    """
     line = caution_line(cautions)
-    return text.replace(f" {line}", "") if line else text
+    if not line:
+        return text
+    return text.replace(f". {line}.", ".").replace(f" {line}", "")
 
 
 def repeating(sentence: Callable[[Any], str]) -> Callable[[Any], str]:

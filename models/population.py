@@ -79,5 +79,5 @@ def population(posterior: Posterior, kinds: int = 7) -> ModelDraws:
         np.full(d, 1.0 / d),
         {**posterior.settings, "kinds_of_people": kinds},
         names,
-        cautions=tuple(filter(None, (posterior.gate.caution,))),
+        cautions=posterior.draws_cautions,
     )

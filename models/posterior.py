@@ -129,8 +129,13 @@ class Posterior(NotebookView):
         n = len(initial)
         return ModelDraws(
             self.protocol, initial, transition, emission, np.full(n, 1.0 / n), dict(self.settings),
-            cautions=tuple(filter(None, (self.gate.caution,))),
+            cautions=self.draws_cautions,
         )  # fmt: skip
+
+    @property
+    def draws_cautions(self) -> tuple[str, ...]:
+        """What everything computed from the draws repeats (`models.cautions`); empty if the gate is passed."""
+        return tuple(filter(None, (self.gate.caution,)))
 
     def _values(self, name: str, group: str) -> Array:
         return np.asarray(self.data[group].to_dataset()[name].to_numpy())

@@ -202,6 +202,11 @@ class Session:
         return self._course.fallback
 
     @property
+    def cautions(self) -> tuple[str, ...]:
+        """Why not to trust the policy (`models.cautions`), consent withdrawn or not; none where it never acted."""
+        return self._course.cautions
+
+    @property
     def memory(self) -> Any:
         """The policy's memory at the last decision; None before the first, and without consent."""
         return self._course.memory

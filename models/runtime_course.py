@@ -71,6 +71,8 @@ class Course:
         Of the last event, until the next mode is known.
     pending : Decision or None
         The decision whose outcome is not known yet.
+    cautions : tuple of str
+        Why not to trust the policy that acts, or acted until consent was withdrawn: nothing about the person.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Course:
             raise located("session, seed", seed, "a whole number of at least 0")
         self.fallback, self.responses, self.seed, self.consent = fallback, responses, seed, consent
         self.policy = policy if consent is Consent.GIVEN else None
+        self.cautions = () if self.policy is None else self.policy.cautions
         self.event = 0
         self.memory: Any = None
         self.held: Outcome | None = None

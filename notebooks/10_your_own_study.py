@@ -415,15 +415,20 @@ data_worth = wb.sample_information(
 )  # fmt: skip
 print(data_worth.sentence)
 best = data_worth.best
-print(f"{best.people} participants pay from {10 * best.people / best.worth:,.0f} people served on.")
+needed = 10 * best.people / best.sure if best.sure > 0 else float("inf")
+print(
+    f"At {best.sure:.2g} points a person, as in that sum, "
+    f"{best.people} participants pay from {needed:,.0f} people served on."
+)
 wb.show(
     wb.information_by_people(data_worth), own.card.kind,
     "What further participants would be worth, in points for each person who meets the robot later. Dashed: perfect knowledge.",
 )  # fmt: skip
 
 # %% [markdown]
-# **How to read it.** A participant for whom actions vary teaches more than one for whom they never do. Bands reach down
-# to what is left on draws that did not choose the plan; hollow points say that the draws are too few to tell.
+# **How to read it.** The sum in all and the people needed go by the smaller of the two estimates, the one that is sure. A
+# participant for whom actions vary teaches more than one for whom they never do. Bands reach down to what is left on draws
+# that did not choose the plan; hollow points say that the draws are too few to tell.
 #
 # **What not to conclude:** that data are worth no more than this. It is their worth *for this decision*, *within this
 # model*. Whether actions that vary within a person do what the model says is a reason of its own to run the second kind

@@ -45,13 +45,14 @@ def policy_by_name(given: str, model: LatentStatePOMDP, schedule: str) -> tuple[
     -------
     Policy
     tuple of str
-        Notes of the solver.
+        Notes of the solver; for a file, why not to trust the policy.
 
     Raises
     ------
     InputError
         On an unknown name, an unusable file, or a policy that cannot go through the schedule.
     """
+    from models.cautions import caution_line
     from models.planning.policy_files import read_policy
 
     PUBLISHED.modes_from_letters(schedule)
@@ -74,6 +75,7 @@ def policy_by_name(given: str, model: LatentStatePOMDP, schedule: str) -> tuple[
         }[given]()  # fmt: skip
     elif Path(given).exists() or given.endswith(".json"):
         policy = read_policy(given)
+        notes = (caution_line(policy.cautions),) if policy.cautions else ()
     else:
         raise located("policy", given, f"one of {', '.join(NAMES)}, or a policy file")
     check_policy(policy, schedule)

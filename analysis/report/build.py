@@ -180,7 +180,8 @@ def build_report(
         told = methods_paragraph(context, {o.block.key for o in outputs})
         status = None if plan is None else plan.status
         summary = [answer.line for answer in summarised(made)]
-        written = write_parts(output_map(made, modules, status), drawings, folder / PARTS_NAME, told, summary)
+        marked = output_map(made, modules, status)
+        written = write_parts(marked, drawings, folder / PARTS_NAME, told, summary, quick=quick)
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds

@@ -144,7 +144,8 @@ def compare_report(
     page = render(made, head, drawings)
     write_text(folder / HTML_NAME, page)
     outputs = output_map(made, modules)
-    written = write_parts(outputs, drawings, folder / PARTS_NAME, make.methods) if parts else None
+    there = folder / PARTS_NAME
+    written = write_parts(outputs, drawings, there, make.methods, quick=quick) if parts else None
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from analysis.figures.style import spoken
+from analysis.randomised_arms import answering
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Part, Points, Text
 from analysis.stakes import other_stakes
@@ -56,6 +58,24 @@ def stakes(context: ReportContext) -> tuple[Text, ...]:
     """That these people played for something else than what the paper's reward is about, where they did."""
     note = "" if context.stated is not None else other_stakes(context.data.card)
     return (Text(note, "note"),) if note else ()
+
+
+def unassigned(context: ReportContext) -> str:
+    """That actions were not assigned, so that what follows them need be no effect of theirs; empty if they were."""
+    modes = answering(context.log)
+    if not modes:
+        return ""
+    return (
+        f"NOT RANDOMISED: in these data the robot's action (mode {' and '.join(spoken(m) for m in modes)}) varies "
+        "within a person and may answer to what that person did. The learned tables say what came after an action, "
+        "not what it caused, and a gain of a plan is no effect of acting."
+    )
+
+
+def reservations(context: ReportContext) -> tuple[Text, ...]:
+    """What stands before every section that plans: other stakes, and actions that nobody assigned."""
+    note = unassigned(context)
+    return (*stakes(context), *((Text(note, "warning"),) if note else ()))
 
 
 def told_above(blocks: Iterable[Block], cautions: Sequence[str]) -> tuple[Block, ...]:

@@ -95,12 +95,14 @@ class Layout:
         return self.page == SIDEWAYS or self.lines > LINES[self.page]
 
 
-def latex(table: Table) -> str:
+def latex(table: Table, mark: str = "") -> str:
     """A table as LaTeX: what the page shows, its origin in the caption; the first line names the packages it needs.
 
     Parameters
     ----------
     table : Table
+    mark : str
+        What the first line and the caption end with: why not to cite it.
     """
     columns = list(table.frame.columns)
     head = [
@@ -115,14 +117,16 @@ def latex(table: Table) -> str:
     ]  # fmt: skip
     origin = ", ".join(o.label for o in table.origin)
     spec = "".join(_column(c in table.formats, w) for c, w in zip(columns, layout.shares, strict=True))
-    caption = rf"\caption{{[{escaped(origin)}] {escaped(breakable(table.caption))}}}\label{{tab:{table.key}}}"
+    said = f"{table.caption} {mark}".rstrip()
+    caption = rf"\caption{{[{escaped(origin)}] {escaped(breakable(said))}}}\label{{tab:{table.key}}}"
     top = _top(table, head)
     # A bracket after the end of a row would be read as the space to leave there.
     texts = [" & ".join(map(escaped, row)) for row in body]
     lines = [("{}" if text.startswith("[") else "") + text + r" \\" for text in texts]
     size = [rf"\{layout.size}", rf"\setlength{{\tabcolsep}}{{{layout.gap / 2:g}pt}}"]
     size += [r"\setlength{\LTcapwidth}{\linewidth}"] * layout.long
-    comment = [rf"% Needs \usepackage{{{','.join(packages)}}}.", f"% {table.key}: {origin}"]
+    noted = f" {escaped(mark)}" if mark else ""
+    comment = [rf"% Needs \usepackage{{{','.join(packages)}}}.{noted}", f"% {table.key}: {origin}"]
     if layout.long:
         opened = [
             r"\begin{landscape}" if turned else "{",

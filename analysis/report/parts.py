@@ -4,6 +4,10 @@ r"""Every table and figure of a report as files of their own: CSV and LaTeX, SVG
 numbers as they were computed; LaTeX files hold what the page shows, with a caption that names the origin, in plain
 ASCII: `\input` them in a document that loads the packages that their first lines name (`analysis.report.latex`).
 ``summary.txt`` has the sentences of the report's head.
+
+What a quick report writes can be pasted elsewhere, far from the page that says so. So every part says it itself
+(`QUICK_MARK`): captions and first lines of LaTeX, descriptions inside SVG and PNG, which change no picture, and a
+column of the index, which speaks for the CSV files: a remark among their rows would be read as numbers.
 """
 
 from __future__ import annotations
@@ -11,9 +15,12 @@ from __future__ import annotations
 import csv
 import io
 import shutil
+import struct
 import tempfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +38,18 @@ INDEX = "index.csv"
 METHODS = "methods.txt"
 SUMMARY = "summary.txt"
 
+QUICK_MARK = "QUICK report: not for citation."
+"""What stands on every part of a quick report."""
+
+MARK_COLUMN = "citation"
+"""Column of the index that holds the mark; empty in a full report."""
+
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How a cell begins that spreadsheets take for a formula."""
+
+
+PNG_HEAD = 33
+"""Bytes of a PNG up to the end of its header chunk, which has to be the first."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +82,9 @@ def check_parts_folder(folder: Path) -> None:
 
 
 def write_parts(
-    outputs: Sequence[Output], drawings: Drawings, folder: Path, methods: str, summary: Sequence[str] = ()
-) -> Written:
+    outputs: Sequence[Output], drawings: Drawings, folder: Path, methods: str, summary: Sequence[str] = (), *,
+    quick: bool = False,
+) -> Written:  # fmt: skip
     """Write every figure and table, complete before they replace those of the report before.
 
     Parameters
@@ -81,6 +99,8 @@ def write_parts(
         The paragraph on methods.
     summary : sequence of str
         Lines of the summary; without any there is no such file.
+    quick : bool
+        Mark every part as not for citation.
 
     Raises
     ------
@@ -91,14 +111,15 @@ def write_parts(
     folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
-        index = []
+        index, mark = [], QUICK_MARK if quick else ""
         for output in outputs:
             block = output.block
             files = (
-                _figure(block, output.number, drawings, fresh) if isinstance(block, Figure)
-                else _table(block, output.number, fresh)
+                _figure(block, output.number, drawings, fresh, mark) if isinstance(block, Figure)
+                else _table(block, output.number, fresh, mark)
             )  # fmt: skip
-            index.append({**output.row(), "files": " ".join(files), "caption": block.caption})
+            row = {**output.row(), "files": " ".join(files), MARK_COLUMN: mark, "caption": block.caption}
+            index.append(row)
         write_text(fresh / INDEX, _csv(pd.DataFrame(index)))
         write_text(fresh / METHODS, methods + "\n")
         if summary:
@@ -116,22 +137,38 @@ def write_parts(
     return Written(folder, sum(kinds), len(kinds) - sum(kinds))
 
 
-def _figure(figure: Figure, number: int, drawings: Drawings, folder: Path) -> list[str]:
+def _figure(figure: Figure, number: int, drawings: Drawings, folder: Path, mark: str) -> list[str]:
     out = []
     drawn = drawings.of(figure)
     for i, panel in enumerate(drawn):
         stem = f"figure-{number:02d}-{figure.key}" + (f"-{i + 1}" if len(drawn) > 1 else "")
-        write_text(folder / f"{stem}.svg", f'<?xml version="1.0" encoding="UTF-8"?>\n{panel.svg}\n')
+        svg = _described(panel.svg, mark)
+        write_text(folder / f"{stem}.svg", f'<?xml version="1.0" encoding="UTF-8"?>\n{svg}\n')
         assert panel.png is not None
-        write_bytes(folder / f"{stem}.png", panel.png)
+        write_bytes(folder / f"{stem}.png", _commented(panel.png, mark))
         out += [f"{stem}.svg", f"{stem}.png"]
     return out
 
 
-def _table(table: Table, number: int, folder: Path) -> list[str]:
+def _described(svg: str, mark: str) -> str:
+    """An SVG element that begins with the mark as its description; as it was without one."""
+    end = svg.index(">") + 1
+    return f"{svg[:end]}<desc>{escape(mark)}</desc>{svg[end:]}" if mark else svg
+
+
+def _commented(png: bytes, mark: str) -> bytes:
+    """A PNG whose text chunk holds the mark (PNG specification, section 11.3.4.3); as it was without one."""
+    if not mark:
+        return png
+    chunk = b"tEXtComment\0" + mark.encode("latin-1")
+    whole = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:PNG_HEAD] + whole + png[PNG_HEAD:]
+
+
+def _table(table: Table, number: int, folder: Path, mark: str) -> list[str]:
     stem = f"table-{number:02d}-{table.key}"
     write_text(folder / f"{stem}.csv", _csv(table.frame))
-    write_text(folder / f"{stem}.tex", latex(table))
+    write_text(folder / f"{stem}.tex", latex(table, mark))
     return [f"{stem}.csv", f"{stem}.tex"]
 
 

@@ -91,7 +91,9 @@ class MixedPolicy(Policy):
         """The policy of plans of a schedule."""
         outcomes = tuple(schedule.n_outcomes(k) for k in range(schedule.n_events))
         words, low = Vocabulary.of(schedule.protocol), lowest_response(schedule.protocol)
-        return cls(words, schedule.modes, outcomes, plans, share, name, left=left, missing=low)
+        policy = cls(words, schedule.modes, outcomes, plans, share, name, left=left, missing=low)
+        policy.cautions = schedule.cautions
+        return policy
 
     @property
     def randomised(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.cautions import together
 from models.errors import located
 from models.planning.policies import Array, Policy
 
@@ -44,6 +45,7 @@ class Mixture(Policy):
 
     def __init__(self, policies: Sequence[Policy], share: ArrayLike, name: str = "mixture") -> None:
         self.policies, self.name = tuple(policies), name
+        self.cautions = together(*(p.cautions for p in self.policies))
         self.share = np.asarray(share, dtype=np.float64)
         good = self.share.shape == (len(self.policies),) and np.all(self.share >= 0)
         if not self.policies or not good or abs(self.share.sum() - 1) > 1e-9:

@@ -88,7 +88,9 @@ class PlanPolicy(Policy):
         s = plan.schedule
         outcomes = tuple(s.n_outcomes(k) for k in range(s.n_events))
         words, low = Vocabulary.of(s.protocol), lowest_response(s.protocol)
-        return cls(words, s.modes, plan.decisions, outcomes, s, name, left=left, missing=low)
+        policy = cls(words, s.modes, plan.decisions, outcomes, s, name, left=left, missing=low)
+        policy.cautions = s.cautions
+        return policy
 
     # -- the interface -----------------------------------------------------------------------------
     def begin(self, mode: int) -> PlanMemory:

@@ -91,10 +91,13 @@ class Policy(ABC):
     ----------
     name : str
     vocabulary : Vocabulary
+    cautions : tuple of str
+        Why not to trust what the policy was made from (`models.cautions`); its file keeps them.
     """
 
     name: str
     vocabulary: Vocabulary
+    cautions: tuple[str, ...] = ()
 
     @abstractmethod
     def begin(self, mode: int) -> Any:

@@ -1,18 +1,20 @@
 """Policies as JSON files: written by one machine, run by another, without pickles.
 
-``{"schema": "prosocial-policy/1", "kind": ..., "name": ..., ...}``. Reading needs numpy and the protocol, nothing
-else of the workbench; everything is checked, and an error names the file and the entry.
+``{"schema": "prosocial-policy/1", "kind": ..., "name": ..., ...}``, and a list ``cautions`` where there are reasons
+not to trust what the policy was made from (`models.cautions`). Reading needs numpy and the protocol, nothing else
+of the workbench; everything is checked, and an error names the file and the entry.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from models.cautions import read_cautions, together
 from models.errors import InputError, Phrase, located
 from models.model_files import model_from_dict, read_json, write_text
 from models.planning.alpha_policy import AlphaPolicy
@@ -31,9 +33,17 @@ from models.protocol import Protocol
 SCHEMA = "prosocial-policy/1"
 
 
-def write_policy(policy: Policy, path: str | Path) -> None:
-    """Write a policy file (beside, then renamed: never half written)."""
-    write_text(path, json.dumps(policy_to_dict(policy), allow_nan=False) + "\n")
+def write_policy(policy: Policy, path: str | Path, cautions: Sequence[str] = ()) -> None:
+    """Write a policy file (beside, then renamed: never half written).
+
+    Parameters
+    ----------
+    policy : Policy
+    path : path
+    cautions : sequence of str
+        Why not to trust what it was made from, beside those that it has already.
+    """
+    write_text(path, json.dumps(policy_to_dict(policy, cautions), allow_nan=False) + "\n")
 
 
 def read_policy(path: str | Path) -> Policy:
@@ -47,9 +57,10 @@ def read_policy(path: str | Path) -> Policy:
     return policy_from_dict(read_json(path), str(path))
 
 
-def policy_to_dict(policy: Policy) -> dict[str, Any]:
-    """Content of a policy file."""
-    return {"schema": SCHEMA, **policy.to_dict()}
+def policy_to_dict(policy: Policy, cautions: Sequence[str] = ()) -> dict[str, Any]:
+    """Content of a policy file, with cautions beside the policy's own."""
+    told = together(policy.cautions, cautions)
+    return {"schema": SCHEMA, **policy.to_dict(), **({"cautions": list(told)} if told else {})}
 
 
 def policy_from_dict(content: Any, place: str = "policy") -> Policy:
@@ -65,10 +76,13 @@ def policy_from_dict(content: Any, place: str = "policy") -> Policy:
     try:
         # Numbers too large to work with become infinite, and are refused for that in words.
         with np.errstate(over="ignore", invalid="ignore"):
-            return KINDS[kind](place, content, name)
+            policy = KINDS[kind](place, content, name)
     except InputError as error:
         text = str(error)
         raise error if text.startswith(place) else InputError(f"{place}: {text}") from None
+    # A policy put together from others has theirs already.
+    policy.cautions = together(policy.cautions, read_cautions(place, content))
+    return policy
 
 
 # -- kinds -----------------------------------------------------------------------------------------

@@ -330,8 +330,8 @@ class SampleInformation(NotebookView):
             return f"None of these studies is worth its cost; the least bad: {best.sentence}"
         least = "" if self.exact else "at least "
         return (
-            f"The best of these studies takes away {least}{best.share_of(self.perfect)} of what doubt costs: "
-            f"{best.sentence}"
+            f"The best of these studies, by what is sure of it, takes away {least}{best.share_of(self.perfect)} of "
+            f"what doubt costs: {best.sentence}"
         )
 
     def _place(self, study: str, people: int) -> tuple[int, int]:

@@ -93,6 +93,7 @@ class Guarded(Policy):
     ) -> None:  # fmt: skip
         self.policy, self.name = policy, name or f"{policy.name}, guarded"
         self.vocabulary: Vocabulary = policy.vocabulary
+        self.cautions = policy.cautions
         self.safeguards = tuple(sorted(safeguards, key=lambda s: s.hard))
         self.fallback: ModePolicy = check_fallback(fallback)
         self.worth_source = worth if worth is not None else own_worth(policy)

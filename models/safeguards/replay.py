@@ -53,6 +53,8 @@ class Audit(NotebookView):
         `given`, `withdrawn` or `never`; empty if the log cannot be read.
     numpy : str
         Version that the log was written with; empty if it does not say.
+    cautions : tuple of str
+        Those of the policy in the log (`models.cautions`).
     """
 
     entries: int
@@ -64,6 +66,7 @@ class Audit(NotebookView):
     end_known: bool
     consent: str
     numpy: str = ""
+    cautions: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -92,7 +95,7 @@ class Audit(NotebookView):
             "entries": self.entries, "decisions": self.decisions, "chain_ok": self.chain_ok,
             "replay_ok": self.replay_ok, "problems": [f.to_dict() for f in self.findings],
             "last_hash": self.last_hash, "end_known": self.end_known, "consent": self.consent,
-            "numpy": self.numpy,
+            "numpy": self.numpy, "cautions": list(self.cautions),
         }  # fmt: skip
 
 
@@ -120,6 +123,7 @@ def verify(log: str | Path | bytes, last_hash: str | None = None) -> Audit:
         len(chain.entries), decisions, chain.ok and bool(chain.entries), not wrong, findings, chain.last_hash,
         last_hash is not None and end is None, "" if course is None else course.consent.value,
         str(chain.entries[0].get("numpy", "")) if chain.entries and chain.entries[0] is not None else "",
+        () if course is None else course.cautions,
     )  # fmt: skip
 
 

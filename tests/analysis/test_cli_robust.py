@@ -218,8 +218,14 @@ def test_a_fit_that_failed_its_gate_is_refused_unless_forced(tmp_path, capsys):
     path = fit_file(tmp_path / "bad.nc", people(6), gate=failed())
     assert run("robust", path, "--schedule", "HR") == 2
     assert "--force" in capsys.readouterr().err
-    assert run("robust", path, "--schedule", "HR", "--force", "--quiet") == 0
+    robot = tmp_path / "robot.json"
+    assert run("robust", path, "--schedule", "HR", "--force", "--quiet", "--policy", robot) == 0
     assert "used although" in capsys.readouterr().err
+    # Whoever gets the robot's file only is told all the same.
+    assert read_policy(robot).cautions == ("the posterior failed its convergence gate",)
+    good = fit_file(tmp_path / "good.nc", people(6))
+    assert run("robust", good, "--schedule", "HR", "--quiet", "--policy", robot) == 0
+    assert read_policy(robot).cautions == ()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from models.planning.policy_files import read_policy
 from models.planning.schedule import Schedule
 from models.safeguards.guarded import Guarded
 from tests.analysis import command
-from tests.analysis.draws_cases import fit_file, json_file, people
+from tests.analysis.draws_cases import failed, fit_file, json_file, people
 
 
 @pytest.fixture
@@ -50,6 +50,16 @@ def test_words_and_policy_file(fit, tmp_path, capsys):
     assert isinstance(robot, Guarded)
     schedule = Schedule.of(ModelDraws.from_models(people(6, 3, seed=2)), "HRH")
     assert evaluate_schedule(robot, schedule).cost <= 15
+
+
+def test_a_policy_from_a_fit_that_failed_its_gate_says_so_in_its_file(tmp_path, capsys):
+    bad, path = fit_file(tmp_path / "bad.nc", people(6), gate=failed()), tmp_path / "guarded.json"
+    words = ("safeguard", bad, "--schedule", "HR", "--budget", 15, "--policy", path)
+    status, out, err = command.run_captured(capsys, *words, "--force")
+    assert status == 0, err
+    robot = read_policy(path)
+    assert robot.cautions == ("the posterior failed its convergence gate",)
+    assert robot.cautions[0] in out
 
 
 def test_a_model_file_and_counted_actions(tmp_path, capsys):

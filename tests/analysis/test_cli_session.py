@@ -277,6 +277,64 @@ def test_a_person_at_a_terminal(checkout, policy_file, tmp_path):
     assert verify(tmp_path / "log").decisions == 2
 
 
+# -- policies that are not to be trusted -----------------------------------------------------------
+DOUBT = ("the posterior failed its convergence gate", "few draws")
+DOUBT_LINE = "CAUTION: the posterior failed its convergence gate and few draws; do not rely on these numbers."
+
+
+@pytest.fixture
+def doubtful_file(tmp_path):
+    path = tmp_path / "doubtful.json"
+    write_policy(always(PUBLISHED), path, DOUBT)
+    return path
+
+
+def test_the_caution_of_a_policy_is_said_once_and_stays_in_its_log(command, doubtful_file, tmp_path):
+    log = tmp_path / "log"
+    words = ("session", doubtful_file, "--log", log, "--quiet", "--json", "-")
+    status, out, err = command(*words, lines=["H", "help", "H", "help"])
+    assert (status, err) == (0, f"prosocial: {doubtful_file}: {DOUBT_LINE}\n")
+    assert json.loads("\n".join(out))["cautions"] == list(DOUBT)
+    status, out, err = command("session", "--restore", log, "--quiet", "--json", "-", lines=["H", "help"])
+    assert (status, err) == (0, f"prosocial: {log}: {DOUBT_LINE}\n")
+    assert json.loads("\n".join(out))["cautions"] == list(DOUBT)
+    status, out, err = command("audit", "verify", log)
+    assert (status, err) == (0, f"prosocial: {log}: {DOUBT_LINE}\n")
+    assert "CAUTION" not in "".join(out), "once is enough"
+    status, out, err = command("audit", "verify", log, "--json", "-")
+    assert json.loads("\n".join(out))["cautions"] == list(DOUBT)
+    audit = verify(log)
+    assert audit.ok
+    assert audit.cautions == DOUBT
+    assert audit.sentence.endswith(DOUBT_LINE)
+
+
+def test_the_caution_stays_with_a_budget_put_around_the_policy(command, tmp_path):
+    for kind in ("by_mode", "guarded"):
+        write_policy(make(kind), tmp_path / "policy.json", DOUBT)
+        words = ("session", tmp_path / "policy.json", "--budget", 0, "--json", "-")
+        if kind == "guarded":
+            # It has a budget already, and keeps one of a kind: what is said against it is what counts here.
+            content = json.loads((tmp_path / "policy.json").read_text())
+            content |= {"safeguards": [], "null": None}
+            (tmp_path / "policy.json").write_text(json.dumps(content))
+        status, out, err = command(*words, lines=["H"])
+        assert status == 0, err
+        assert err.count(DOUBT_LINE) == 1
+        assert json.loads("\n".join(out))["cautions"] == list(DOUBT)
+
+
+def test_nothing_is_said_of_good_policies_or_where_only_the_fallback_acts(
+    command, policy_file, doubtful_file, tmp_path
+):
+    for words in ((policy_file,), (doubtful_file, "--no-consent")):
+        log = tmp_path / f"log{len(words)}"
+        status, out, err = command("session", *words, "--log", log, "--quiet", "--json", "-", lines=["H"])
+        assert (status, err, json.loads("\n".join(out))["cautions"]) == (0, "", [])
+        status, _, err = command("audit", "verify", log)
+        assert (status, err) == (0, "")
+
+
 # -- audit verify ----------------------------------------------------------------------------------
 def test_verify(command, policy_file, tmp_path):
     log = tmp_path / "log"

@@ -113,6 +113,24 @@ def test_who_played_for_money_is_said_at_the_head(doubtful, key):
     assert sum(text.startswith(f"These people played for {MONEY}.") for text in head) == 1
 
 
+def test_actions_that_nobody_assigned_are_warned_of_at_the_head(tmp_path, monkeypatch):
+    little_effort(monkeypatch)
+    monkeypatch.setattr("analysis.report.sections.plan.planned_states", lambda context: ())
+    played = {
+        "assigned": ([("help", "none"), ("signal", "help")], [("no_help", "none"), ("signal", "no_help")]),
+        "observed": ([("help", "none"), ("no_help", "none"), ("signal", "help")],
+                     [("no_help", "none"), ("help", "none"), ("signal", "no_help")]),
+    }  # fmt: skip
+    for name, (one, other) in played.items():
+        people = [(i, 0, "a" if i < 6 else "b", one if i < 6 else other) for i in range(12)]
+        _, found = sections_of(tmp_path / name, log_of(people), ("plan",), states=(2,))
+        warned = [text for text in warnings_of(found["plan"].blocks) if text.startswith("NOT RANDOMISED")]
+        assert len(warned) == (name == "observed")
+        if warned:
+            assert "mode h" in warned[0].lower()
+            assert "no effect of acting" in warned[0]
+
+
 def test_flat_likelihoods_are_warned_of_where_tables_are_shown(tmp_path, monkeypatch):
     little_effort(monkeypatch)
     log = two_rounds()

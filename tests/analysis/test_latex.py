@@ -56,6 +56,16 @@ def test_the_first_line_names_the_packages_that_are_needed(name):
     assert r"\caption{[simulated] A caption.}\label{tab:made-up}" in text
 
 
+@pytest.mark.parametrize("name", TABLES)
+def test_a_mark_ends_the_caption_and_the_first_line_and_changes_nothing_else(name):
+    mark = "QUICK: 50% not for citation."
+    text, plain = latex(TABLES[name], mark), latex(TABLES[name])
+    said = r" QUICK: 50\% not for citation."
+    assert text.splitlines()[0] == plain.splitlines()[0] + said
+    assert rf"\caption{{[simulated] A caption.{said}}}\label{{tab:made-up}}" in text
+    assert text.replace(said, "") == plain
+
+
 def test_numbers_stand_right_and_text_that_fits_is_left_alone():
     assert columns_of(latex(TABLES["numbers"])) == "lr"
     assert columns_of(latex(TABLES["long"])) == "rl"

@@ -7,13 +7,16 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from analysis import fits
 from analysis.figures.style import axes
 from analysis.report import build
 from analysis.report.analysis_plan import EXPLORATORY, PLANNED, read_analysis_plan
+from analysis.report.drawings import Drawings
 from analysis.report.latex import escaped, latex
 from analysis.report.output_map import output_map, plot_functions
+from analysis.report.parts import MARK_COLUMN, QUICK_MARK, write_parts
 from analysis.report.registry import SECTIONS, Entry
 from analysis.report.section import Figure, Origin, Part, Section, Table, Text
 from models.errors import InputError
@@ -151,6 +154,43 @@ def test_without_parts_nothing_else_is_written(small, tmp_path):
     result = build.build_report(small, states=(2,), quick=True, out=tmp_path, date=DATE, sections=chosen)
     assert result.parts is None
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+# -- quick reports say so wherever they are pasted -------------------------------------------------
+def test_every_part_of_a_quick_report_is_marked(report):
+    folder = report.parts.folder
+    assert {row[MARK_COLUMN] for row in index(report)} == {QUICK_MARK}
+    tables = [path.read_text() for path in folder.glob("*.tex")]
+    assert tables
+    for text in tables:
+        assert text.splitlines()[0].startswith("% Needs ")
+        assert text.splitlines()[0].endswith(f" {QUICK_MARK}")
+        assert rf" {QUICK_MARK}}}\label" in text
+    for path in folder.glob("*.svg"):
+        root = ET.parse(path).getroot()
+        assert next((e.tag, e.text) for e in root) == ("{http://www.w3.org/2000/svg}desc", QUICK_MARK)
+    for path in folder.glob("*.png"):
+        with Image.open(path) as picture:
+            picture.verify()
+            assert picture.info["Comment"] == QUICK_MARK
+
+
+def test_no_part_of_a_full_report_is_marked(report, tmp_path):
+    drawings, made = Drawings(pictures=True), report.sections
+    written = write_parts(output_map(made, {}), drawings, tmp_path / "parts", "methods", quick=False)
+    with (written.folder / "index.csv").open(newline="", encoding="utf-8") as stream:
+        assert {row[MARK_COLUMN] for row in csv.DictReader(stream)} == {""}
+    for path in written.folder.iterdir():
+        if path.suffix in (".tex", ".svg", ".png"):
+            assert b"citation" not in path.read_bytes(), path
+        if path.suffix == ".svg":
+            marked = (report.parts.folder / path.name).read_text(encoding="utf-8")
+            assert marked.replace(f"<desc>{QUICK_MARK}</desc>", "") == path.read_text(encoding="utf-8")
+    for figure in (b for s in made for b in s.flat() if isinstance(b, Figure)):
+        for panel, path in zip(
+            drawings.of(figure), sorted(written.folder.glob(f"figure-??-{figure.key}*.png")), strict=True
+        ):
+            assert path.read_bytes() == panel.png
 
 
 # -- what makes what -------------------------------------------------------------------------------

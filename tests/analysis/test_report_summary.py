@@ -335,7 +335,9 @@ def gates():
 
 def test_plans_under_doubt_say_gain_and_gate(doubt):
     card = SimpleNamespace(stakes="")
-    context = SimpleNamespace(stated=None, origin=Origin.REAL, data=SimpleNamespace(card=card))
+    assigned = log_of([(0, 0, "c", [("help", "none"), ("signal", "help"), ("help", "none")])])
+    observed = log_of([(0, 0, "c", [("help", "none"), ("signal", "help"), ("no_help", "none")])])
+    context = SimpleNamespace(stated=None, origin=Origin.REAL, data=SimpleNamespace(card=card), log=assigned)
     good, bad = gates()
     best = doubt.prices["Bayes-adaptive"]
     for gain, low, high, kind in ((5.0, 2.0, 8.0, "plain"), (5.0, -2.0, 8.0, "open"), (0.0, 0.0, 0.0, "plain")):
@@ -348,6 +350,13 @@ def test_plans_under_doubt_say_gain_and_gate(doubt):
         failed = plan_headlines.under_doubt(context, replace(doubt, prices=prices), bad)
         assert failed.kind == "warning"
         assert "convergence gate FAILED" in failed.text
+        # What nobody assigned has no effect to gain from, however sure the draws are.
+        context.log = observed
+        unsure = plan_headlines.under_doubt(context, replace(doubt, prices=prices), good)
+        assert unsure.kind == "open"
+        assert unsure.text.endswith("NOT RANDOMISED, so no gain is an effect of acting.")
+        assert "RANDOMISED" not in found.text
+        context.log = assigned
 
 
 def test_the_row_of_all_responses_has_an_interval_or_says_that_it_has_none(tmp_path):

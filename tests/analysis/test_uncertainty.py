@@ -7,15 +7,21 @@ import pandas as pd
 import pytest
 
 from analysis import fits
+from analysis.causal import causal_effects
 from analysis.credible import contraction_of, in_four_numbers
 from analysis.datasets import log_digest
 from analysis.kappa_sensitivity import kappa_sensitivity, refits
+from analysis.predictive_checks import posterior_checks
 from analysis.uncertainty import EVERYONE, KNOWN, PARTLY, Contraction, beside_em, contraction, contrasts
 from models.baum_welch import BaumWelch
 from models.bootstrap import Bootstrap
+from models.cautions import caution_line
 from models.errors import InputError
+from models.gate import Gate
 from models.labels import expected_score
 from models.protocol import PUBLISHED
+from models.unseen import EVIDENCE
+from tests.analysis.draws_cases import failed
 from tests.analysis.posterior_cases import SHORT, posterior_of, random_model, sampled, study
 
 
@@ -143,3 +149,42 @@ def test_kappa(tmp_path, monkeypatch):
     assert len(list((tmp_path / "fits").glob("*.nc"))) == 2
     with pytest.raises(InputError, match="at least 2"):
         kappa_sensitivity({0.0: posteriors[0.0], 2.0: sampled(4)}, study())
+
+
+def test_what_rests_on_a_failed_posterior_says_so():
+    good, bad = (
+        replace(sampled(2), gate=Gate(0, 1.0, 900.0, 900.0, "initial[s0]")),
+        replace(sampled(2), gate=failed()),
+    )
+    fit = BaumWelch(2, restarts=4, finalists=2).fit(study())
+    line = caution_line(bad.draws().cautions)
+    assert line
+    for made in (
+        contraction,
+        contrasts,
+        lambda p: beside_em(p, fit),
+        lambda p: causal_effects(p, study(), draws=20),
+        lambda p: posterior_checks(p, study(), draws=20),
+    ):
+        sound, doubtful = made(good), made(bad)
+        assert sound.cautions == ()
+        assert doubtful.cautions == bad.draws().cautions
+        assert line.removeprefix("CAUTION: ") in doubtful._repr_html_()
+        assert line in str(doubtful)
+        assert "CAUTION" not in str(sound) + sound._repr_html_()
+        if hasattr(sound, "sentence"):
+            assert doubtful.sentence == f"{sound.sentence} {line}"
+
+
+def test_tables_without_data_are_no_estimates():
+    """Baum-Welch leaves the transitions of an action that nothing follows where they began."""
+    fit = BaumWelch(2, restarts=4, finalists=2).fit(study())
+    tables = (np.stack([t] * 3) for t in (fit.model.initial, fit.model.transition, fit.model.emission))
+    bootstrap = Bootstrap(*tables, np.zeros(3), 1)
+    told = {**sampled(2).settings, EVIDENCE: {**dict.fromkeys(PUBLISHED.action_names, 5), "help": 0}}
+    found = beside_em(replace(sampled(2), settings=told), fit, bootstrap)
+    silent = found.table["table"] == "moves: help"
+    assert silent.sum() == 4
+    assert found.table.loc[silent, ["em", "boot_low", "boot_high"]].isna().all(axis=None)
+    assert found.table.loc[~silent, ["em", "boot_low", "boot_high"]].notna().all(axis=None)
+    assert f"of {len(found.table) - 4} EM estimates" in found.sentence

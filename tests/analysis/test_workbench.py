@@ -42,9 +42,31 @@ def test_type_checkers_read_the_same_names():
 
 
 def test_a_name_that_it_lacks():
-    with pytest.raises(AttributeError, match=r"^module 'analysis.workbench' has no attribute 'BaumWelsh'$"):
+    with pytest.raises(
+        AttributeError,
+        match=r"^module 'analysis.workbench' has no attribute 'BaumWelsh'; did you mean 'BaumWelch'\?",
+    ):
         _ = wb.BaumWelsh
     assert not hasattr(wb, "__wrapped__")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"), [("Postrior", "posterior_checks"), ("baumwelch", "BaumWelch"), ("schedule", "Schedule")]
+)
+def test_a_name_that_it_lacks_and_may_have_meant(name, meant):
+    with pytest.raises(AttributeError) as error:
+        getattr(wb, name)
+    assert f"did you mean {meant!r}? dir() of the module and workbench.pyi list its names" in str(error.value)
+    assert error.value.name == name
+
+
+def test_a_name_like_none_points_to_the_list_only_and_machinery_is_answered_shortly():
+    with pytest.raises(
+        AttributeError, match=r"'qqqqzzzz'; dir\(\) of the module and workbench\.pyi list its names$"
+    ):
+        _ = wb.qqqqzzzz
+    with pytest.raises(AttributeError, match=r"has no attribute '__wrapped__'$"):
+        _ = wb.__wrapped__
 
 
 def test_importing_it_loads_nothing_and_a_name_loads_its_home_only():

@@ -60,6 +60,7 @@ SITES: dict[str, Site] = {
     "analysis/frd2012.py": Site(why="one file, told by its SHA-256 before anything of it is read"),
     "analysis/game_film.py": Site(why="what the film encoder has just written"),
     "analysis/game_player.py": OWN,
+    "analysis/workbench.py": OWN,
     "analysis/grouping.py": Site(("groups",)),
     "analysis/kept_chains.py": Site(("kept-chain",)),
     "analysis/log_spool.py": Site(why="files that the stream itself has just written"),

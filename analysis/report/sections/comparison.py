@@ -284,9 +284,11 @@ def headline(result: Findings, origin: Origin) -> Headline:
             f"; the best model {what}, {called(second)}, is {-table.elpd_diff[second]:.1f} nats behind (standard "
             f"error {table.dse[second]:.1f})"
         )
-    doubtful = [m for m in (best, *alike) if m in result.gates or table.max_pareto_k[m] > HIGH_K]
-    kind = "warning" if doubtful else "open" if alike else "plain"
-    if doubtful:
-        names = listed([called(m) for m in doubtful], "and")
-        text += f". The convergence gate failed, or Pareto k is too high, for {names}"
+    shown = (best, *alike)
+    failed, high = [m for m in shown if m in result.gates], [m for m in shown if table.max_pareto_k[m] > HIGH_K]
+    kind = "warning" if failed or high else "open" if alike else "plain"
+    if failed:
+        text += f". The convergence gate FAILED for {listed([called(m) for m in failed], 'and')}"
+    if high:
+        text += f". Pareto k is too high for {listed([called(m) for m in high], 'and')}"
     return Headline(text=f"{text}.", kind=kind, question=Question.STATES, origin=(origin,))

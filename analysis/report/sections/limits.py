@@ -51,7 +51,7 @@ def _standing(context: ReportContext) -> list[str]:
     )
     out.append(
         "AIC and BIC compare models on the data they were fitted to, and count responses as if each came from "
-        "somebody else. Held-out people are the stronger test and are not part of this report."
+        "somebody else. How well people are predicted who were left out is the stronger test."
     )
     if context.pins:
         out.append(

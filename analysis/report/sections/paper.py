@@ -331,7 +331,8 @@ def _origins(context: ReportContext, bases: set[Basis]) -> tuple[Origin, ...]:
 # -- the head of the report ------------------------------------------------------------------------
 def _headline(context: ReportContext, rows: tuple[PaperNumber, ...]) -> Headline:
     """How many estimates differ, of those that could, and how many would by chance."""
-    n = counts(estimates(rows))
+    found = estimates(rows)
+    n = counts(found)
     apart = n[Word.DIFFERS] + n[Word.CONTRADICTS]
     same = n[Word.AGREES] + n[Word.ROUNDING]
     tested = apart + same + n[Word.COMPATIBLE] + n[Word.OPEN]
@@ -341,5 +342,14 @@ def _headline(context: ReportContext, rows: tuple[PaperNumber, ...]) -> Headline
         f"{n[Word.COMPATIBLE]} are compatible within sampling error and {n[Word.OPEN]} not decided. One to two in "
         "twenty of what scatters would differ by chance."
     )
+    decided = [e for e in found if e.agreement.word not in (Word.UNCHECKED, Word.TAKEN)]
+    other = sum(all(c.basis is not Basis.DATA for row in e.rows for c in row.checks) for e in decided)
+    if other:
+        text += (
+            f" For {other} of these, ours is not from these data: it is from printed numbers, from the calibrated "
+            "truth or from stored replications of it."
+        )
+    if not context.is_published_design:
+        text += " This study's design is not the paper's: sizes, rounds and arms differ with it."
     origins = (Origin.PRINTED, context.origin)
     return Headline(text=text, kind="plain" if tested else "open", question=Question.PAPER, origin=origins)

@@ -15,7 +15,7 @@ from analysis.figures.style import spoken
 from analysis.learned_policy import LearnedPolicy, learned_policy
 from analysis.policy_study import LEARNED, OPTIMAL, SIMULATED_RUNS, belief_paths
 from analysis.report.context import ReportContext
-from analysis.report.doubts import doubts, stakes, told_above
+from analysis.report.doubts import doubts, reservations, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_model,
@@ -70,7 +70,7 @@ def _introduction(context: ReportContext) -> tuple[Block, ...]:
             "in reward units, and with different numbers of states in different currencies: only four states have "
             "printed scores."
         )
-    blocks = [Text(text), *stakes(context)]
+    blocks = [Text(text), *reservations(context)]
     truth = known_truth(context)
     if truth is not None:
         blocks.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from analysis.figures.style import spoken
 from analysis.learned_policy import LearnedPolicy
 from analysis.policy_study import LEARNED, OPTIMAL
+from analysis.randomised_arms import answering
 from analysis.report.context import ReportContext
 from analysis.report.section import Headline, Question
 from analysis.robust_study import RobustStudy
@@ -37,11 +38,16 @@ def under_doubt(context: ReportContext, study: RobustStudy, gate: Gate) -> Headl
     else:
         open_ = low <= rounding
         name = f"the best plan under doubt, '{spoken(same)}'," if same else "the best plan under doubt"
+        least = study.stability.least_sure
         text += (
-            f"{name} {_acts(study)} ({study.stability.agreement:.0%} of the draws agree) and gains "
-            f"{best.gain_mean:.3g} {unit} a person over never acting (90% of the draws: {low:.3g} to {high:.3g})."
+            f"{name} {_acts(study)} (its least sure decision has {least.share[least.action]:.0%} of the draws) and "
+            f"gains {best.gain_mean:.3g} {unit} a person over never acting (90% of the draws: {low:.3g} to "
+            f"{high:.3g})."
         )
         text += " Whether acting pays is not decidable." if open_ else ""
+    if answering(context.log):
+        open_ = True
+        text += " NOT RANDOMISED, so no gain is an effect of acting."
     text += "" if gate.passed else " The convergence gate FAILED."
     kind = "warning" if not gate.passed else "open" if open_ else "plain"
     return Headline(
@@ -72,11 +78,14 @@ def by_estimate(context: ReportContext, learned: LearnedPolicy, k: int) -> Headl
         own, best = (learned.in_truth.values[name].value for name in (LEARNED, OPTIMAL))
         text += f"; in the truth behind these people it is worth {own:.4g} of {best:.4g}"
     text += ". A point estimate: how sure that is, is not said here."
+    observed = bool(answering(context.log))
+    text += " NOT RANDOMISED, so no gain is an effect of acting." if observed else ""
     converged = context.study.fits[k].converged
     if not converged:
         text += " Baum-Welch did NOT converge."
     return Headline(
-        text=text, kind="plain" if converged else "warning", question=Question.PLAN, origin=(context.origin,),
+        text=text, kind="warning" if not converged else "open" if observed else "plain",
+        question=Question.PLAN, origin=(context.origin,),
         about=counted(k, "state"),
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from analysis.figures.robust import caution, plan_comparison, stability_tree, va
 from analysis.figures.style import spoken
 from analysis.next_studies import Asked, next_rounds, own_studies, published_studies
 from analysis.report.context import ReportContext
-from analysis.report.doubts import doubts, stakes, told_above
+from analysis.report.doubts import doubts, reservations, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_draws,
@@ -64,7 +64,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("plans under doubt", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"robust-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *stakes(context), *parts)
+    return (Text(intro), *reservations(context), *parts)
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:

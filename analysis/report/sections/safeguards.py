@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.figures.safeguards import stricter, value_and_cost, who_is_influenced
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
-from analysis.report.doubts import doubts, stakes, told_above
+from analysis.report.doubts import doubts, reservations, told_above
 from analysis.report.own_reward import (
     planned_states,
     rewarded_draws,
@@ -58,7 +58,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("safeguards", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"safeguards-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *stakes(context), *parts)
+    return (Text(intro), *reservations(context), *parts)
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:

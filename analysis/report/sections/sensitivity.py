@@ -11,7 +11,7 @@ from analysis.figures.sensitivity import READING_LABELS, action_map, critical_va
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
-from analysis.report.doubts import doubts, stakes, told_above
+from analysis.report.doubts import doubts, reservations, told_above
 from analysis.report.own_reward import planned_states, title_of, unseen_or_left_out, want_reward
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
 from analysis.report.sections.plan import known_truth
@@ -54,7 +54,8 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     """The numbers of states beside each other, then one part for each that is shown in full."""
     want_reward(context)
     unseen = unseen_or_left_out(context)
-    blocks: list[Block] = [Text(_introduction(context)), *stakes(context)] if context.stated is None else []
+    blocks: list[Block] = [Text(_introduction(context))] if context.stated is None else []
+    blocks += reservations(context)
     if unseen:
         names = " and ".join(spoken(a) for a in unseen)
         blocks.append(
@@ -307,7 +308,9 @@ def _critical(context: ReportContext, study: SensitivityStudy, k: int) -> tuple[
         tuple(alt), (context.origin,),
     )  # fmt: skip
     said = tuple(
-        spoken(f"{SHORT[f.reading]}, {f.sentence}.") for f in study.critical if f.parameter == "r" and len(f.draw)
+        spoken(f"{SHORT[f.reading]}, {f.sentence.rstrip('.')}.")
+        for f in study.critical
+        if f.parameter == "r" and len(f.draw)
     )
     return figure, Points(said, "At which r decisions flip")
 

@@ -13,7 +13,7 @@ from analysis.figures.effects import contrast_by_state
 from analysis.figures.forest import forest
 from analysis.figures.style import spoken
 from analysis.report.context import ReportContext
-from analysis.report.doubts import flat
+from analysis.report.doubts import flat, told_above
 from analysis.report.section import (
     Block,
     Drawing,
@@ -71,7 +71,7 @@ def _of(context: ReportContext, k: int) -> tuple[Block, ...]:
     )
     blocks.append(Part("Do the chains agree?", f"ranks-part-{k}", (_ranks(context, k, posterior),), True))
     blocks.append(_headline(context, k, posterior, found))
-    return tuple(blocks)
+    return told_above(blocks, posterior.draws_cautions)
 
 
 def _contraction(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block, ...]:
@@ -172,7 +172,7 @@ def _entries(context: ReportContext, k: int, found: BesideEm) -> Table:
     return Table(
         f"posterior-{k}", frame[columns],
         "Every entry: posterior, EM estimate with bootstrap interval, prior. Contraction is empty where a table is "
-        "held fixed.",
+        "held fixed, the estimate where the data say nothing of an action.",
         (context.origin,), headings=headings, formats=dict.fromkeys(columns[2:], ".3f"), row_headings=2,
         groups=(("", 2), ("posterior", 4), ("EM", 3), ("prior", 2)),
     )  # fmt: skip
@@ -212,11 +212,15 @@ def _headline(context: ReportContext, k: int, posterior: Posterior, found: Besid
     flat_ = context.study.identifications[k].mostly_flat
     if flat_:
         text += " The likelihood is flat along most directions."
+    misfit = uncertainty_effects.checked(context, k, posterior)
+    if len(misfit.failed):
+        text += f" The model FAILS {len(misfit.failed)} of {counted(len(misfit.table), 'predictive check')}."
     if not posterior.gate.passed:
         text += " The convergence gate FAILED."
     elif found.stuck:
         text += f" {found.warning}"
     failed = not posterior.gate.passed or bool(found.stuck)
+    failed = failed or len(misfit.failed) > 0
     kind = "warning" if failed else "open" if flat_ or 2 * prior >= len(learned) else "plain"
     return Headline(
         text=text, kind=kind, question=Question.KNOWN, origin=(context.origin,), about=counted(k, "state")

@@ -11,7 +11,7 @@ from analysis.figures.checks import predictive_checks
 from analysis.figures.effects import effect_by_round
 from analysis.figures.style import spoken
 from analysis.kappa_sensitivity import KAPPAS, kappa_sensitivity
-from analysis.predictive_checks import posterior_checks, prior_predictive, prior_sentence
+from analysis.predictive_checks import PredictiveChecks, posterior_checks, prior_predictive, prior_sentence
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Headline, NotSupported, Part, Question, Table, Text
 from analysis.wording import counted
@@ -129,13 +129,18 @@ def sensitivity(context: ReportContext, k: int) -> tuple[Block, ...]:
     return Text(found.sentence), Part("Answers by kappa", f"kappa-part-{k}", (table,), True)
 
 
+def checked(context: ReportContext, k: int, posterior: Posterior) -> PredictiveChecks:
+    """Posterior predictive checks, computed once a report."""
+    return context.kept(
+        f"predictive checks, {counted(k, 'state')}", posterior_checks, posterior, context.log,
+        draws=context.effort.simulated_studies, seed=context.seed,
+    )  # fmt: skip
+
+
 def checks(context: ReportContext, k: int, posterior: Posterior) -> tuple[Block, ...]:
     """Posterior predictive checks, and what the prior alone predicts."""
-    draws = context.effort.simulated_studies
-    label = counted(k, "state")
-    found = context.kept(
-        f"predictive checks, {label}", posterior_checks, posterior, context.log, draws=draws, seed=context.seed
-    )
+    draws, label = context.effort.simulated_studies, counted(k, "state")
+    found = checked(context, k, posterior)
     outside = found.table[found.table["outside"]]
     named = "; ".join(f"{r.check} (p {r.p:.2f})" for r in outside.itertuples()) or "none"
     figure = Figure(

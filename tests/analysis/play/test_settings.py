@@ -115,6 +115,14 @@ def test_policy_files(tmp_path):
             policy_by_name(name, calibrated_truth(), "")
 
 
+def test_a_file_that_is_not_to_be_trusted_is_noted(tmp_path):
+    policy, _ = policy_by_name("exact plan", calibrated_truth(), "HRH")
+    write_policy(policy, tmp_path / "plan.json", ["few draws"])
+    again, notes = policy_by_name(str(tmp_path / "plan.json"), calibrated_truth(), "HRH")
+    assert again.cautions == ("few draws",)
+    assert notes == ("CAUTION: few draws; do not rely on these numbers.",)
+
+
 def test_where_a_policy_comes_from(tmp_path):
     truth = calibrated_truth()
     path = tmp_path / "plan.json"

@@ -420,6 +420,8 @@ print(
     f"At {best.sure:.2g} points a person, as in that sum, "
     f"{best.people} participants pay from {needed:,.0f} people served on."
 )
+
+# %%
 wb.show(
     wb.information_by_people(data_worth), own.card.kind,
     "What further participants would be worth, in points for each person who meets the robot later. Dashed: perfect knowledge.",

@@ -171,9 +171,11 @@ def _gathered(
     except BaseException as error:
         if stop is not None:
             stop()
-        missing = [i for k, span in enumerate(spans) if k not in found for i in range(span.start, span.stop)]
         for future in futures:
             future.cancel()
+        # Of several that are done at once the failed one may come first.
+        whole = {k for f, k in futures.items() if f.done() and not f.cancelled() and f.exception() is None}
+        missing = [i for k, span in enumerate(spans) if k not in whole for i in range(span.start, span.stop)]
         lost = _lost(error)
         if lost:
             raise WorkersLostError(f"{lost}; {_listed(missing, len(pieces), called)}") from error

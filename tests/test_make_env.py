@@ -1,5 +1,6 @@
 """What `make env` says when it is done, read from a dry run."""
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -7,7 +8,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def dry_run(goal):
-    ran = subprocess.run(["make", "-n", goal], cwd=ROOT, capture_output=True, check=True, text=True)
+    # Not as a part of the make that may have started the tests.
+    own = {name: value for name, value in os.environ.items() if name not in ("MAKELEVEL", "MAKEFLAGS", "MFLAGS")}
+    ran = subprocess.run(["make", "-n", goal], cwd=ROOT, env=own, capture_output=True, check=True, text=True)
     return ran.stdout.strip().splitlines()
 
 

@@ -55,11 +55,11 @@ class Effort:
     chains: int = 4
     refit_draws: int = 1000
     simulated_studies: int = 400
-    fold_particles: int = 400
-    fold_moves: int = 5
-    evidence_particles: int = 400
-    evidence_runs: int = 3
-    evidence_moves: int = 3
+    fold_particles: int = 300
+    fold_moves: int = 3
+    evidence_particles: int = 300
+    evidence_runs: int = 2
+    evidence_moves: int = 2
 
     @classmethod
     def of(cls, quick: bool) -> Effort:

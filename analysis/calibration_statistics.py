@@ -41,7 +41,7 @@ def quantities(study: StudyDensity, theta: Array) -> tuple[list[str], Array]:
     names : list of str
     values : float64[..., quantity]
     """
-    log, layout, density = study.log, study.layout, study.density
+    log, layout, density = study.events, study.layout, study.density
     protocol, tree = log.protocol, density.tree
     s, a, _, _ = layout.sizes
     entries = theta[..., : layout.size]

@@ -19,8 +19,12 @@ from analysis.cli_options import (
     load_protocol,
 )
 from analysis.cli_people_options import PeopleDifferOption, PersonNodesOption, PersonScaleOption, person_offset
+from analysis.cli_stream_options import StreamOption, in_parts, reading_sentence, select_in_parts
+from analysis.wording import counted
 
 if TYPE_CHECKING:
+    from analysis.cli_stream_options import SelectionInParts
+    from analysis.study_selection import Selection
     from models.bayesian_fit import Engine
     from models.posterior import Posterior
 
@@ -58,8 +62,13 @@ def bayes_command(
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
     protocol: ProtocolOption = None,
+    stream: StreamOption = None,
 ) -> None:
     """Sample the posterior of the transition and observation tables.
+
+    A large file is read in parts, in bounded memory; the posterior is the same. Nothing of people and events is
+    kept then: the fit has log-likelihoods of distinct histories, and no responses predicted event by event. --group
+    and --people-differ read the whole file.
 
     A fit that was made before with the same data and settings is found in the store; a run that was interrupted
     goes on with the chains it had completed.
@@ -93,13 +102,26 @@ def bayes_command(
     if out is not None:
         check_output("--out", out)
     distinct_files({"DATA": data, "--protocol": protocol, "--out": out, "--json": json})
-    chosen = select(datasets.load(data, load_protocol(protocol)), condition, str(states), pin)
-    digest = datasets.log_digest(chosen.log)
     sampler = NutsSettings(draws, tune, chains, seed)
     people = person_offset(people_differ, person_scale, person_nodes)
     if differ is not None and group is None:
         raise located("--differ", differ, "--group with it: there are no groups otherwise")
-    groups = None if group is None else groups_from(group, differ or "initial", chosen.log)
+    rules, groups = load_protocol(protocol), None
+    needs_all = "--group" if group is not None else "--people-differ" if people_differ else ""
+    chosen: Selection | SelectionInParts
+    if parts := in_parts(data, stream, needs_all):
+        with progress.shown(quiet) as watch:
+            chosen, resorted = select_in_parts(
+                data, rules, condition, str(states), pin, watch, for_posterior=True
+            )  # fmt: skip
+        digest = chosen.digest
+        report.say(reading_sentence(data, resorted, stream))
+        for note in (f"{data}: {chosen.log._view().sentences[0]}", *(f"note: {note}" for note in chosen.notes)):
+            report.say(note)
+    else:
+        chosen = select(datasets.load(data, rules), condition, str(states), pin)
+        digest = datasets.log_digest(chosen.log)
+        groups = None if group is None else groups_from(group, differ or "initial", chosen.log)
     with progress.shown(quiet) as watch:
         try:
             stored = stored_fit(
@@ -112,10 +134,12 @@ def bayes_command(
     fit = stored.posterior
     if out is not None:
         write_posterior(fit, out, {"data": data, "data_digest": digest, "key": stored.key})
-    report.say(f"{data} ({chosen.dataset.card.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
+    report.say(f"{data} ({chosen.kind}): {chosen.sentence}; kappa {kappa:g}; seed {seed}")
     took = f"Sampled in {fit.sampling_seconds:.1f} s, after {fit.compile_seconds:.1f} s of compiling and loading."
     report.say("Found in the store." if stored.reused else took)
     report.say(fit.gate.sentence if fit.gate.passed else "Convergence gate FAILED: see the end.")
+    if parts:
+        report.say(_kept_sentence(fit))
     report.say(contraction(fit).sentence)
     if people is not None:
         report.say(spread_sentence(fit))
@@ -124,14 +148,26 @@ def bayes_command(
         print(f"prosocial: {fit.gate.sentence}", file=sys.stderr)
     report.finish(
         {
-            "data": data, "kind": chosen.dataset.card.kind, "digest": digest, "conditions": chosen.conditions,
+            "data": data, "kind": chosen.kind, "digest": digest, "conditions": chosen.conditions,
             "states": states, "kappa": kappa, "pins": chosen.pins, "engine": engine, "seed": seed,
             "groups": fit.settings.get("groups"), "people": fit.settings.get("people"),
             "node_check": fit.settings.get("node_check"), "reused": stored.reused, "stored": stored.path,
-            "out": out,
+            "out": out, "in_parts": parts,
             **posterior_to_dict(fit),
         }
     )  # fmt: skip
+
+
+def _kept_sentence(fit: Posterior) -> str:
+    """What a fit of a file that was read in parts keeps in place of people."""
+    sizes = fit.data["log_likelihood"].sizes
+    every = sizes["draw"] == fit.data["posterior"].sizes["draw"]
+    under = "every draw" if every else f"{counted(sizes['draw'], 'draw')} of each chain"
+    histories = counted(sizes["distinct"], "distinct history", "distinct histories")
+    return (
+        f"Kept with the fit: log-likelihoods of {histories} under {under}, and how many runs have each. Leaving "
+        "people out and checks by event need --no-stream."
+    )
 
 
 def posterior_to_dict(fit: Posterior) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from analysis.cli_options import (
     load_protocol,
 )
 from analysis.cli_people_options import PeopleDifferOption, PersonNodesOption, PersonScaleOption, person_offset
+from analysis.cli_stream_options import held_sentence
 from analysis.cli_workers import SchedulerOption, WorkersOption, workers_of
 
 if TYPE_CHECKING:
@@ -74,6 +75,8 @@ def compare_command(
     rest, also by a logistic mixed model. With --people-differ every model also has its hierarchical version; what
     is left out is predicted by that of none and of the fewest states.
 
+    A file is read at once, for people are left out one by one; em and bayes read large files in parts.
+
     Example: prosocial compare simulated_study1 --states 1-5 --held-out condition --json reports/build/compare.json
     """
     import sys
@@ -94,6 +97,8 @@ def compare_command(
     from models.posterior import Posterior
 
     report = Report(json, quiet)
+    if note := held_sentence(data, "compare"):
+        report.say(note)
     chosen = select(datasets.load(data, load_protocol(protocol)), condition, states, pin, default_states="1-5")
     settings = CompareSettings.of(quick, folds=folds, seed=seed)
     prior = DirichletPrior(stay=kappa)

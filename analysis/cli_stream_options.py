@@ -24,6 +24,9 @@ CSV_BYTES, PACKED = 64, 10
 """Bytes an event takes in a CSV file, and how many times smaller gzip makes it: rough, the choice is not a matter
 of results."""
 
+MANY, HELD = 1_000_000, 130
+"""Events from which commands that hold a file say so, and bytes that an event takes while it is read at once."""
+
 StreamOption = Annotated[
     bool | None,
     typer.Option(
@@ -60,7 +63,7 @@ class SelectionInParts:
 
     @property
     def digest(self) -> str:
-        """Digest of the whole log."""
+        """Digest of the whole log, or of the selected conditions (`select_in_parts`)."""
         return self.log.digest
 
     @property
@@ -109,6 +112,38 @@ def reading_sentence(file: str, resorted: bool, asked: bool | None) -> str:
     return f"{file}: read in parts, in bounded memory ({why}){order}."
 
 
+def held_sentence(file: str, command: str) -> str:
+    """What a command that cannot read in parts says of a large file; empty if the file is not large.
+
+    Raises
+    ------
+    InputError
+        If the machine has not enough memory to hold the events alone.
+    """
+    from analysis import datasets
+
+    if file in datasets.names() or not Path(file).is_file() or (events := _events(file)) < MANY:
+        return ""
+    parts = "em, bayes and data check read files in parts"
+    memory = machine_memory()
+    if events * HELD > memory:
+        found = Phrase(f"some {events:,} events, which take about {events * HELD / 1e9:.1f} GB")
+        wanted = f"a file that fits into {memory / 1e9:.1f} GB of memory: {command} reads it at once; {parts}"
+        raise located(file, found, wanted)
+    return (
+        f"{file}: some {events:,} events, read at once and held; besides, {command} keeps log-likelihoods of every "
+        f"person under every draw of every model, 32 KB a person at 4,000 draws. Only {parts}."
+    )
+
+
+def machine_memory() -> float:
+    """Bytes of memory that the machine has; infinite where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
 def memory_allowed() -> int:
     """Bytes that the tree of a file read in parts may take: half of what is free, where the system says so.
 
@@ -125,9 +160,15 @@ def memory_allowed() -> int:
 
 def select_in_parts(
     file: str, protocol: Protocol, condition: Sequence[str] | None, states: str | None, pins: Sequence[str] | None,
-    progress: Progress | None = None, default_states: str = "2-5",
+    progress: Progress | None = None, default_states: str = "2-5", *, for_posterior: bool = False,
 ) -> tuple[SelectionInParts, bool]:  # fmt: skip
     """Read a file in parts for learning; the options are those of `analysis.study_selection.select`.
+
+    Parameters
+    ----------
+    file, protocol, condition, states, pins, progress, default_states
+    for_posterior : bool
+        Histories are counted by condition too, and the digest is that of the selected conditions.
 
     Returns
     -------
@@ -147,7 +188,10 @@ def select_in_parts(
     held = checked_pins(protocol, pins)
     wanted = parse_states(default_states if states is None else states)
     chosen = None if not condition or list(condition) == [ALL_CONDITIONS] else condition
-    found = compress_events(file, protocol, conditions=chosen, memory=memory_allowed(), progress=progress)
+    found = compress_events(
+        file, protocol, conditions=chosen, memory=memory_allowed(), by_condition=for_posterior,
+        of_part=for_posterior, progress=progress,
+    )  # fmt: skip
     return SelectionInParts(found.log, held, wanted, found.notes), found.resorted
 
 

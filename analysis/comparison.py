@@ -8,7 +8,6 @@ which cannot fall as states are added.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from models.parameters import STICKY, Array, DirichletPrior
 from models.people_folds import MOVES, assign_folds
 from models.person_offset import PersonOffset
 from models.posterior import Posterior
+from models.quiet import without_warnings
 from models.rivals import constant, first_order_markov, static_pins
 from models.smc import SmcSettings
 
@@ -315,7 +315,6 @@ def stacked(models: Sequence[ModelCriteria]) -> pd.DataFrame:
     """`arviz.compare` of the models with stacking weights, unrounded, every column kept."""
     import arviz as az
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with without_warnings():
         frame: pd.DataFrame = az.compare({m.name: m.loo for m in models}, method="stacking", round_to="none")
     return frame

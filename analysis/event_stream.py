@@ -25,6 +25,7 @@ from analysis.event_sorting import EventSorter, record_type
 from analysis.file_source import DECOMPRESSED_LIMIT, FileSource
 from analysis.log_spool import LogSpool
 from analysis.progress import Progress
+from analysis.selected_events import SelectedEvents
 from models.compressed_log import CompressedLog, LogTally
 from models.errors import InputError, Phrase, located
 from models.event_flow import CodedEvents, EventFlow
@@ -91,8 +92,8 @@ class CompressedFile:
 def compress_events(
     path: str | Path, protocol: Protocol = PUBLISHED, *, conditions: Sequence[str] | None = None,
     memory: int = MEMORY, disk: int = DISK, folder: str | Path | None = None, digest: bool = True,
-    keep_runs: bool = False, limit: int = DECOMPRESSED_LIMIT, sizes: Sizes | None = None,
-    progress: Progress | None = None,
+    keep_runs: bool = False, by_condition: bool = False, of_part: bool = False, limit: int = DECOMPRESSED_LIMIT,
+    sizes: Sizes | None = None, progress: Progress | None = None,
 ) -> CompressedFile:  # fmt: skip
     """Read, check and compress an event log without holding it.
 
@@ -114,6 +115,10 @@ def compress_events(
         Work out the log's digest (a temporary file of two bytes an event and thirty a run).
     keep_runs : bool
         Keep the node at which every run ends (eight bytes a run), as in the tree of an `EventLog`.
+    by_condition : bool
+        Count histories by condition too, as the gate of a posterior wants it.
+    of_part : bool
+        The digest is that of the conditions that are compressed, as of the log that `EventLog.select` makes.
     limit : int
         Most bytes a gzipped file may unpack to.
     sizes : Sizes, optional
@@ -139,7 +144,8 @@ def compress_events(
     ):
         work = _Work(chunks, protocol, Path(name), place, memory, disk, sizes, progress)
         for parts in (work.in_order, work.resorted):
-            tally = LogTally(protocol, conditions, most_nodes, keep_runs)
+            tally = LogTally(protocol, conditions, most_nodes, keep_runs, by_condition)
+            part = SelectedEvents(conditions) if of_part and conditions is not None else None
             with LogSpool(Path(name), work.tokens, place) as spool:
                 for events in parts():
                     if events is None:
@@ -149,9 +155,10 @@ def compress_events(
                         events.response,
                     )  # fmt: skip
                     if digest:
-                        spool.add(events)
+                        spool.add(events if part is None else part.of(events, work.names))
                 else:
-                    own = spool.digest(work.study, work.names, protocol) if digest else ""
+                    names = work.names if part is None else part.names
+                    own = spool.digest(work.study, names, protocol) if digest else ""
                     log = tally.finish(work.study, own)
                     return CompressedFile(log, reading_notes(source, chunks.unknown), parts == work.resorted)
     raise AssertionError("the second pass ends with a log or an error")

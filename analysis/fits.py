@@ -11,11 +11,11 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from analysis.kept_chains import KeptChains, NotKeptWarning
 from analysis.source_digest import source_digest
 from models.bayesian_fit import EDITED, Engine, fit
 from models.chains import NutsSettings, Progress
+from models.design_facts import Study
 from models.errors import InputError, Phrase, located
 from models.events import EventLog
+from models.file_lock import alone
 from models.groups import Groups
 from models.parameters import STICKY, Array, DirichletPrior, Layout, checked_pins
 from models.person_offset import PersonOffset
@@ -75,7 +77,7 @@ def fit_key(data_digest: str, settings: Mapping[str, Any]) -> str:
 
 
 def stored_fit(
-    log: EventLog,
+    log: Study,
     data_digest: str,
     states: int,
     *,
@@ -91,8 +93,9 @@ def stored_fit(
 
     Parameters
     ----------
-    log : EventLog
-        What is learned from: the selected part of the data.
+    log : EventLog, or CompressedLog
+        What is learned from: the selected part of the data. A fit of a compressed log keeps less, and has a key of
+        its own.
     data_digest : str
         Digest of that part (`analysis.datasets.log_digest`).
     states, prior, pins, groups, people, engine, sampler, progress
@@ -107,9 +110,9 @@ def stored_fit(
     sampler = sampler or NutsSettings()
     spec = ModelSpec(states, prior, dict(pins or {}), groups, people)
     spec = replace(spec, pins=checked_pins(Layout(log.protocol, spec.states), spec.pins))
-    settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
-    key = fit_key(data_digest, settings)
     study = StudyDensity(log, spec)
+    settings = {**study.to_dict(), "engine": engine, "sampler": vars(sampler)}
+    key = fit_key(data_digest, settings)
 
     def columns() -> int:
         return study.density.dimension if engine == "direct" else study.layout.size + study.density.people_differ
@@ -120,7 +123,8 @@ def stored_fit(
             sampler=sampler, done=kept.found(), finished=kept.keep, progress=progress,
         )  # fmt: skip
 
-    return _found_or_made(key, log, data_digest, settings, groups, columns, sample)
+    # Only groups are asked of its runs, and a compressed log has none of them.
+    return _found_or_made(key, cast("EventLog", log), data_digest, settings, groups, columns, sample)
 
 
 def stored_fit_model(
@@ -177,30 +181,32 @@ def _found_or_made(
     columns: Callable[[], int], sample: Callable[[KeptChains], Posterior],
 ) -> StoredFit:  # fmt: skip
     path = store_folder() / f"{key}.nc"
-    if path.is_file():
+    # Another process may be sampling it now: then it is waited for, and found.
+    with nullcontext() if path.is_file() else alone(path):
+        if path.is_file():
+            try:
+                found = read_posterior(path)
+            except InputError as error:
+                warnings.warn(f"{error}; sampled anew in its place", NotKeptWarning, stacklevel=3)
+            else:
+                if groups is not None:
+                    groups.warn_of_thin_ones(log)
+                return StoredFit(found, path, key, True)
+        about = {"study": log.study, **settings, "made_by": maker()}
+        kept = KeptChains(store_folder() / f"{key}.chains", about, columns)
+        posterior = sample(kept)
         try:
-            found = read_posterior(path)
+            _write(posterior, path, log, data_digest)
         except InputError as error:
-            warnings.warn(f"{error}; sampled anew in its place", NotKeptWarning, stacklevel=3)
+            # Sampling may have taken an hour: its result is not to be lost with the store.
+            warnings.warn(f"{error}; the result is not in the store", NotKeptWarning, stacklevel=3)
         else:
-            if groups is not None:
-                groups.warn_of_thin_ones(log)
-            return StoredFit(found, path, key, True)
-    about = {"study": log.study, **settings, "made_by": maker()}
-    kept = KeptChains(store_folder() / f"{key}.chains", about, columns)
-    posterior = sample(kept)
-    try:
-        _write(posterior, path, log, data_digest)
-    except InputError as error:
-        # Sampling may have taken an hour: its result is not to be lost with the store.
-        warnings.warn(f"{error}; the result is not in the store", NotKeptWarning, stacklevel=3)
-    else:
-        kept.forget()
-        # What later runs will read: results computed from it are then found by the same key
-        # (`analysis.stored_results`), which counts its names and settings with their types.
-        with suppress(InputError):
-            posterior = read_posterior(path)
-    return StoredFit(posterior, path, key, False)
+            kept.forget()
+            # What later runs will read: results computed from it are then found by the same key
+            # (`analysis.stored_results`), which counts its names and settings with their types.
+            with suppress(InputError):
+                posterior = read_posterior(path)
+        return StoredFit(posterior, path, key, False)
 
 
 def keep_edited(posterior: Posterior, log: EventLog, data_digest: str) -> StoredFit:

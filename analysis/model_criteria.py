@@ -45,7 +45,7 @@ class ModelCriteria:
         Maximised: the paper's criterion.
     n_parameters : int
     aic, bic : float
-    loo : arviz_stats.ELPDData
+    loo : arviz_stats.ELPDDataLOO
         PSIS-LOO by participant, pointwise.
     log_marginal, log_marginal_error : float
         Log marginal likelihood and its Monte Carlo error (0 where it is exact); NaN where it was not estimated.
@@ -117,23 +117,26 @@ def loo_by_person(log_likelihood: Array, kinds: tuple[NDArray[np.int64], NDArray
     varies = np.ptp(values.reshape(chains * draws, -1), axis=0) > 1e-12
     if not varies.any():
         raise ValueError("the log-likelihood is the same under every draw: there is nothing to leave out")
-    unit = xr.Dataset({"participant": (("chain", "draw", "person"), values[..., varies])})
+    unit = xr.DataArray(values[..., varies], dims=("chain", "draw", "person"))
     # Efficiency from the likelihoods themselves: they know no labels and no held tables.
-    ess = az.ess(xr.DataTree.from_dict({"posterior": np.exp(unit - unit.max(("chain", "draw")))}), method="mean")
+    likelihood = xr.Dataset({"participant": np.exp(unit - unit.max(("chain", "draw")))})
+    with without_warnings():  # ArviZ swaps the process's filters in there
+        ess = az.ess(xr.DataTree.from_dict({"posterior": likelihood}), method="mean")
     efficiency = float(np.clip(np.nanmean(ess["participant"].values) / (chains * draws), 0.01, 1.0))
-    with without_warnings():  # high Pareto k are counted and reported with the comparison
-        found = az.loo(
-            xr.DataTree.from_dict({"posterior": unit, "log_likelihood": unit}), pointwise=True,
-            var_name="participant", reff=efficiency,
-        )  # fmt: skip
+    # Not `az.loo`, which is these terms and a warning of high Pareto k. They are counted and reported with the
+    # comparison, and a warning that is not given cannot get out while other threads change the filters.
+    with np.errstate(all="ignore"):
+        elpd_i, pareto_k, _ = unit.azstats.loo(sample_dims=["chain", "draw"], r_eff=efficiency)
     elpd, k = values[0, 0].copy(), np.zeros(len(first))
-    elpd[varies], k[varies] = found.elpd_i.values, found.pareto_k.values
+    elpd[varies], k[varies] = elpd_i.values, pareto_k.values
     in_sample = logsumexp(values, axis=(0, 1)) - np.log(chains * draws)
     by_person = elpd[kind]
     n = len(kind)
-    return replace(
-        found, elpd=float(by_person.sum()), se=float(np.sqrt(n * by_person.var())),
-        p=float((in_sample[kind] - by_person).sum()), n_data_points=n,
+    good_k = float(min(1 - 1 / np.log10(chains * draws), HIGH_K))  # Vehtari et al. 2024, as `az.loo` has it
+    return az.ELPDDataLOO(
+        elpd=float(by_person.sum()), se=float(np.sqrt(n * by_person.var())),
+        p=float((in_sample[kind] - by_person).sum()), n_samples=chains * draws, n_data_points=n, scale="log",
+        warning=bool(np.any(k > good_k)), good_k=good_k,
         elpd_i=xr.DataArray(by_person, dims="person"), pareto_k=xr.DataArray(k[kind], dims="person"),
     )  # fmt: skip
 
@@ -174,7 +177,7 @@ def by_posterior(
         density = StudyDensity(log, ModelSpec(posterior.n_states, prior, pins, people=people)).density
         highest = people_maximum(density, em)
         value, parameters, converged = highest.log_likelihood, parameters + 1, highest.converged
-    sample = posterior.data["log_likelihood"]["participant"].to_numpy()
+    sample = posterior.person_log_likelihoods()
     return ModelCriteria(
         name, kind, posterior.n_states, value, parameters, 2.0 * parameters - 2.0 * value,
         float(np.log(log.n_responses_recorded)) * parameters - 2.0 * value, loo_by_person(sample, alike(log)),

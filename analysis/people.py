@@ -198,7 +198,7 @@ def people_study(
     pairs = []
     for k in states:
         both = [learn(k, None), learn(k, offset or PersonOffset())]
-        loo = [loo_by_person(p.data["log_likelihood"]["participant"].to_numpy(), kinds) for p in both]
+        loo = [loo_by_person(p.person_log_likelihoods(), kinds) for p in both]
         checks = [posterior_checks(p, log, draws=draws, seed=seed) for p in both]
         apart = loo[1].elpd_i.values - loo[0].elpd_i.values
         high = np.any([found.pareto_k.values > 0.7 for found in loo], axis=0)

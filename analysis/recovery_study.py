@@ -233,7 +233,7 @@ def _criteria(
     marginal = log_marginal_likelihood(
         density, SmcSettings(own.particles, own.runs, own.ess, own.moves, own.path, seed)
     )
-    loo = loo_by_person(posterior.data["log_likelihood"]["participant"].to_numpy(), alike(log))
+    loo = loo_by_person(posterior.person_log_likelihoods(), alike(log))
     return {
         "log_likelihood": em.log_likelihood, "aic": em.aic, "bic": em.bic, "elpd": float(loo.elpd),
         "log_marginal": marginal.estimate, "high_k": int(np.count_nonzero(loo.pareto_k.values > HIGH_K)),

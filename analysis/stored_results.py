@@ -14,7 +14,7 @@ import os
 import platform
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -30,6 +30,7 @@ from analysis.kept_chains import NotKeptWarning
 from analysis.result_content import Given, Node, NotContent, name_of, to_content
 from analysis.result_reading import from_content
 from analysis.source_digest import source_digest
+from models.file_lock import alone
 from models.model_files import write_bytes
 
 SCHEMA = "prosocial-result/1"
@@ -130,21 +131,29 @@ def found_or_made[R](
     named["made_by"] = made_by(*sorted({function.__module__, *modules, *source.modules}))
     key = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()[:24]
     path = fits.store_folder() / f"{key}{SUFFIX}"
-    if path.is_file():
-        try:
-            value = read_result(path, source)
-        except UNREADABLE as error:
-            reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-            warnings.warn(f"{path}: damaged ({reason}); computed anew in its place", NotKeptWarning, stacklevel=3)
-        else:
-            with suppress(OSError):
-                os.utime(path)  # what is used stays longest
-            return StoredResult(value, what, path, True)
-    made = make()
+    # Another process may be making it now: then it is waited for, and found.
+    with nullcontext() if path.is_file() else alone(path):
+        if path.is_file():
+            try:
+                value = read_result(path, source)
+            except UNREADABLE as error:
+                reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+                warnings.warn(
+                    f"{path}: damaged ({reason}); computed anew in its place", NotKeptWarning, stacklevel=3
+                )
+            else:
+                with suppress(OSError):
+                    os.utime(path)  # what is used stays longest
+                return StoredResult(value, what, path, True)
+        return _made(what, make(), path, source, named)
+
+
+def _made[R](what: str, made: R, path: Path, source: Given, named: Mapping[str, Any]) -> StoredResult[R]:
+    """Keep what was computed."""
     try:
         content, arrays = to_content(made, source)
     except NotContent as error:
-        return StoredResult(_not_kept(what, kind, error, made), what, None, False)
+        return StoredResult(_not_kept(what, named["kind"], error, made), what, None, False)
     # Not what was computed but what is written of it, so that no later run can differ from this one.
     value = from_content(json.loads(json.dumps(content)), arrays, source)
     about = {"schema": SCHEMA, "what": what, **named}
@@ -154,7 +163,7 @@ def found_or_made[R](
     except OSError as error:
         warnings.warn(
             f"{path}: cannot be written ({error.strerror or error}); the result is not in the store",
-            NotKeptWarning, stacklevel=3,
+            NotKeptWarning, stacklevel=4,
         )  # fmt: skip
     else:
         _make_room(len(whole))

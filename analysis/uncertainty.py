@@ -353,7 +353,7 @@ def beside_em(
     silent = {f"moves: {a}" for a in unseen_actions(recorded_evidence(posterior.settings, p) or {}, p)}
     if silent and EVIDENCE in posterior.settings:
         frame.loc[frame["table"].isin(silent), ["em", "boot_low", "boot_high"]] = np.nan
-    by_chain = posterior.data["log_likelihood"].to_dataset()["participant"].sum("person").mean("draw").to_numpy()
+    by_chain = posterior.log_likelihood().mean(axis=1)
     low = by_chain < fit.log_likelihood - fit.n_parameters - SLACK
     stuck = tuple(int(c) + 1 for c in np.flatnonzero(low))
     return BesideEm(frame, posterior.n_states, level, stuck, posterior.draws_cautions)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from models.chains import Chain, NutsSettings, Progress
 from models.chains import sample as sample_target
+from models.design_facts import Study
 from models.draw_kernels import constrained
 from models.entries import entries, entry_names
 from models.errors import Phrase, located
-from models.events import EventLog
-from models.fit_tree import build_tree, canonical_tables
+from models.fit_tree import build_tree, by_history, by_person, canonical_tables
 from models.gate import convergence_gate
 from models.groups import Groups
 from models.nuts import sample
@@ -44,7 +44,7 @@ PRIOR_STREAM = 7_102
 
 
 def fit(
-    log: EventLog,
+    log: Study,
     states: int,
     *,
     prior: DirichletPrior = STICKY,
@@ -61,7 +61,9 @@ def fit(
 
     Parameters
     ----------
-    log : EventLog
+    log : EventLog, or CompressedLog
+        Of one that was compressed, by condition, the tables are the same bit for bit. What a fit keeps of people
+        and events is left out then (`models.fit_tree`), and neither groups nor people who differ can be had.
     states : int
     prior : DirichletPrior
         Sticky by default (two pseudo-counts more on staying). A prior of any other form is a PyMC model's:
@@ -93,7 +95,7 @@ def fit(
     study = StudyDensity(log, spec)
     study.check_labels_are_free()
     if groups is not None:
-        groups.warn_of_thin_ones(log)
+        groups.warn_of_thin_ones(study.events)
     if engine == "direct" and find_spec("nutpie") is None:
         warnings.warn(
             "nutpie is not installed: PyMC's own sampler takes its place, which is much slower (engine pymc)",
@@ -115,7 +117,7 @@ def fit(
         stats["lp"] = stats["lp"] + study.density.constant
     rng = np.random.default_rng(np.random.SeedSequence(sampler.seed, spawn_key=(PRIOR_STREAM, states)))
     prior_theta = constrained(study.density, prior_particles(study.density, PRIOR_DRAWS, rng))
-    settings = {**spec.to_dict(), "engine": engine, "sampler": vars(sampler)}
+    settings = {**study.to_dict(), "engine": engine, "sampler": vars(sampler)}
     posterior = examined(study, theta, prior_theta, stats, settings)
     return replace(
         posterior,
@@ -161,11 +163,11 @@ def examined(
     if not np.isfinite(theta).all():
         raise located("posterior draws", Phrase("numbers that are not finite"), "finite draws: nothing is stored")
     settings = {**settings, EVIDENCE: evidence_of_actions(study.log, study.spec.pins)}
-    by_person = study.log_likelihoods(theta)
     posterior, prior = canonical_tables(study, theta), canonical_tables(study, prior_theta[None])
-    data = build_tree(study, posterior, prior, stats, by_person, settings["sampler"]["seed"])
+    kept = by_history(study, theta) if study.compressed else by_person(study, study.log_likelihoods(theta))
+    data = build_tree(study, posterior, prior, stats, kept, settings["sampler"]["seed"])
     draws = data["posterior"].to_dataset()
-    names, likelihoods = _likelihoods(study, by_person)
+    names, likelihoods = _likelihoods(study, theta, kept)
     columns, named = [entries(draws, study.log.protocol)], entry_names(draws, study.log.protocol)
     if added is not None:
         data["posterior"] = xr.DataTree(draws.merge(added))
@@ -195,17 +197,22 @@ def places(variable: xr.DataArray) -> list[str]:
     return [f"{variable.name}[{','.join(place)}]" if place else str(variable.name) for place in product(*labels)]
 
 
-def _likelihoods(study: StudyDensity, by_person: Array) -> tuple[list[str], NDArray[np.float64]]:
+def _likelihoods(
+    study: StudyDensity, theta: Array, kept: xr.Dataset
+) -> tuple[list[str], NDArray[np.float64]]:  # fmt: skip
     """Label-invariant quantities: log-likelihood by condition and in all, ``[chain, draw, quantity]``."""
-    log = study.log
+    if not study.density.people_differ:
+        names = [f"log-likelihood of condition {name}" for name in study.log.conditions]
+        return [*names, "log-likelihood"], study.condition_log_likelihoods(theta)
+    log, values = study.events, kept["participant"].to_numpy()
     names, columns = [], []
     first = np.unique(study.person, return_index=True)[1]
     for c, name in enumerate(log.conditions):
         members = log.condition[first] == c
         if members.any():
             names.append(f"log-likelihood of condition {name}")
-            columns.append(by_person[..., members].sum(axis=-1))
-    return [*names, "log-likelihood"], np.stack([*columns, by_person.sum(axis=-1)], axis=-1)
+            columns.append(values[..., members].sum(axis=-1))
+    return [*names, "log-likelihood"], np.stack([*columns, values.sum(axis=-1)], axis=-1)
 
 
 def _sample_pymc(

@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from models.compiled import kernel
+from models.condition_trees import ConditionTrees
 from models.design_facts import DesignFacts, facts_of_tree
 from models.errors import located
 from models.event_rules import one_of
@@ -48,7 +49,10 @@ class CompressedLog(NotebookView):
     whole : tuple of int
         Events, people and runs of the whole log.
     digest : str
-        That of the whole log (`analysis.datasets.log_digest`); empty if it was not asked for.
+        That of the whole log, or of these conditions where that was asked for (`analysis.datasets.log_digest`);
+        empty if none was.
+    counts_by_condition : float64[condition, history] or None
+        How many runs of each of `conditions` have each history; None if it was not counted.
     """
 
     protocol: Protocol
@@ -61,6 +65,7 @@ class CompressedLog(NotebookView):
     design: DesignFacts
     whole: tuple[int, int, int]
     digest: str = ""
+    counts_by_condition: NDArray[np.float64] | None = None
 
     def tree(self) -> HistoryTree:
         """Distinct histories with counts (`models.histories`)."""
@@ -115,15 +120,24 @@ class LogTally:
         Those whose runs are compressed; all unless given. The others are counted.
     most_nodes, keep_runs
         As in `GrowingTree`.
+    by_condition : bool
+        Count histories by condition, as the gate of a posterior wants it. Runs cannot be kept beside.
     """
 
     def __init__(
         self, protocol: Protocol, conditions: Sequence[str] | None = None, most_nodes: int | None = None,
-        keep_runs: bool = False,
+        keep_runs: bool = False, by_condition: bool = False,
     ) -> None:  # fmt: skip
+        if by_condition and keep_runs:
+            raise located("keep_runs", keep_runs, "False where histories are counted by condition")
         self.protocol = protocol
         self._chosen = None if conditions is None else frozenset(conditions)
-        self._tree = GrowingTree(protocol.n_actions, protocol.n_responses, most_nodes, keep_runs)
+        sizes = protocol.n_actions, protocol.n_responses
+        self._tree: GrowingTree | ConditionTrees
+        if by_condition:
+            self._tree = ConditionTrees(*sizes, most_nodes)
+        else:
+            self._tree = GrowingTree(*sizes, most_nodes, keep_runs)
         self._names: list[str] = []
         self._wanted = np.zeros(0, dtype=bool)
         self._counts = np.zeros((0, len(COUNTS)), np.int64)
@@ -161,7 +175,10 @@ class LogTally:
             starts, participant, condition, action, response, self._wanted, self._shows, self._counts,
             self._last_person, self._pairs, self._person, self._recorded, self._state,
         )  # fmt: skip
-        self._tree.add(starts, wanted, action, response)
+        if isinstance(self._tree, ConditionTrees):
+            self._tree.add(starts, condition[starts], wanted, action, response)
+        else:
+            self._tree.add(starts, wanted, action, response)
 
     def finish(self, study: str, digest: str = "") -> CompressedLog:
         """The result.
@@ -179,7 +196,12 @@ class LogTally:
             if name not in names:
                 raise located("condition", name, one_of(names))
         rows = np.array([self._counts[self._names.index(name)] for name in names])
-        tree = self._tree.finish()
+        by_condition = None
+        if isinstance(self._tree, ConditionTrees):
+            tree, of_code = self._tree.finish()
+            by_condition = np.stack([of_code[self._names.index(name)] for name in chosen])
+        else:
+            tree = self._tree.finish()
         weights = np.zeros(len(self.protocol.emission_actions))
         weights[np.asarray(self.protocol.emission_index)[self._shows]] = self._recorded[self._shows]
         followed, alternating = facts_of_tree(tree, self.protocol)
@@ -187,6 +209,7 @@ class LogTally:
             self.protocol, study, tuple(chosen), tree, pd.DataFrame(rows, names, COUNTS), int(self._state[4]),
             weights, DesignFacts(followed, alternating, *self._pairs),
             (int(rows[:, 0].sum()), int(self._state[1]), int(rows[:, 1].sum())), digest,
+            by_condition,
         )  # fmt: skip
 
     def _extend_to(self, names: Sequence[str]) -> None:

@@ -1,4 +1,8 @@
-"""A posterior sample as a DataTree: named draws, prior draws, predictive responses, log-likelihood of people."""
+"""A posterior sample as a DataTree: named draws, prior draws, predictive responses, log-likelihood of people.
+
+Of a log that was compressed there are neither people nor events: log-likelihoods are by distinct history, with how
+many runs have each, and nothing is predicted event by event.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,10 @@ PREDICTIVE_STREAM = 7_107
 """First element of the spawn keys of simulated studies; the second is 0 before the data and 1 after."""
 
 
+MOST_VALUES = 1 << 24
+"""Log-likelihoods of histories kept with a fit (128 MB); of draws evenly spaced where all would be more."""
+
+
 def canonical_tables(study: StudyDensity, theta: Array) -> FullTables:
     """Learned vectors ``[..., p]`` to tables of every group, each draw in canonical order.
 
@@ -46,8 +54,8 @@ def canonical_tables(study: StudyDensity, theta: Array) -> FullTables:
 
 
 def build_tree(
-    study: StudyDensity, posterior: FullTables, prior: FullTables, stats: Mapping[str, NDArray], by_person: Array,
-    seed: int,
+    study: StudyDensity, posterior: FullTables, prior: FullTables, stats: Mapping[str, NDArray],
+    log_likelihood: xr.Dataset, seed: int,
 ) -> xr.DataTree:  # fmt: skip
     """All groups of a stored fit; each has the coordinates ``chain`` and ``draw``, as ArviZ wants them.
 
@@ -59,29 +67,56 @@ def build_tree(
     prior : FullTables
         The same, one chain.
     stats : mapping of str to arrays [chain, draw]
-    by_person : float64[chain, draw, person]
+    log_likelihood : xarray.Dataset
+        `by_person`, or `by_history`.
     seed : int
         Of the simulated studies.
     """
-    people = np.unique(study.log.participant)
-    chains, draws = by_person.shape[:2]
-    log_likelihood = xr.Dataset(
-        {"participant": (("chain", "draw", "person"), by_person)},
-        coords={**_numbered(chains, draws), "person": people},
-    )
-    return xr.DataTree.from_dict(
-        {
-            "posterior": named(study, posterior),
-            "prior": named(study, prior),
-            "sample_stats": xr.Dataset(
-                {k: (("chain", "draw"), v) for k, v in stats.items()}, coords=_numbered(chains, draws)
-            ),
-            "log_likelihood": log_likelihood,
+    chains, draws = posterior.initial.shape[:2]
+    groups = {
+        "posterior": named(study, posterior),
+        "prior": named(study, prior),
+        "sample_stats": xr.Dataset(
+            {k: (("chain", "draw"), v) for k, v in stats.items()}, coords=_numbered(chains, draws)
+        ),
+        "log_likelihood": log_likelihood,
+    }
+    if not study.compressed:
+        response = study.events.response
+        groups |= {
             "prior_predictive": _predictive(study, prior, seed, 0),
             "posterior_predictive": _predictive(study, posterior, seed, 1),
-            "observed_data": _events(study, study.log.response[study.log.response != UNSEEN], ()),
+            "observed_data": _events(study, response[response != UNSEEN], ()),
         }
+    return xr.DataTree.from_dict(groups)
+
+
+def by_person(study: StudyDensity, values: Array) -> xr.Dataset:
+    """Log-likelihoods ``[chain, draw, person]`` with names."""
+    return xr.Dataset(
+        {"participant": (("chain", "draw", "person"), values)},
+        coords={**_numbered(*values.shape[:2]), "person": np.unique(study.events.participant)},
     )
+
+
+def by_history(study: StudyDensity, theta: Array) -> xr.Dataset:
+    """Log-likelihood of every distinct history, of some draws, and how many runs have each (``runs``).
+
+    Parameters
+    ----------
+    study : StudyDensity
+    theta : float64[chain, draw, p]
+    """
+    tree = study.density.tree
+    chains, draws = theta.shape[:2]
+    each = min(draws, max(1, MOST_VALUES // (chains * tree.n_histories)))
+    kept = np.linspace(0, draws - 1, each).round().astype(np.int64)
+    return xr.Dataset(
+        {"history": (("chain", "draw", "distinct"), study.history_log_likelihoods(theta[:, kept]))},
+        coords={
+            "chain": np.arange(chains), "draw": kept, "runs": ("distinct", tree.arrays.ends[tree.terminals]),
+        },
+    )  # fmt: skip
 
 
 def named(study: StudyDensity, tables: FullTables) -> xr.Dataset:
@@ -122,8 +157,9 @@ def _predictive(study: StudyDensity, tables: FullTables, seed: int, which: int) 
     kept = np.linspace(0, draws - 1, each).round().astype(np.int64)
     some = [None if t is None else t[:, kept].reshape(chains * each, *t.shape[2:]) for t in tables]
     streams = [np.random.SeedSequence(seed, spawn_key=(PREDICTIVE_STREAM, which, d)) for d in range(chains * each)]
-    responses = predictive_responses(FullTables(*some), study.log, streams, study.spec.groups)  # type: ignore[arg-type]
-    seen = responses[:, study.log.response != UNSEEN].reshape(chains, each, -1)
+    log = study.events
+    responses = predictive_responses(FullTables(*some), log, streams, study.spec.groups)  # type: ignore[arg-type]
+    seen = responses[:, log.response != UNSEEN].reshape(chains, each, -1)
     return _events(study, seen, ("chain", "draw")).assign_coords(chain=np.arange(chains), draw=kept)
 
 
@@ -132,7 +168,7 @@ def _numbered(chains: int, draws: int) -> dict[str, Any]:
 
 
 def _events(study: StudyDensity, values: NDArray[np.int8], lead: tuple[str, ...]) -> xr.Dataset:
-    log = study.log
+    log = study.events
     seen = log.response != UNSEEN
     run = log.run_of_event[seen]
     coords = {

@@ -140,7 +140,7 @@ class GrowingTree:
         parent, symbol = self._parent[:nodes].astype(np.int64), self._symbol[:nodes].astype(np.int64)
         ends = self._ends[:nodes].copy()
         del self._parent, self._symbol, self._child, self._sibling, self._ends, self._table
-        return _numbered(parent, symbol, ends, runs, self._last, self.n_actions, self.n_responses)
+        return _numbered(parent, symbol, ends, runs, self._last, self.n_actions, self.n_responses)[0]
 
     def _enlarge(self) -> None:
         size = len(self._parent)
@@ -170,6 +170,17 @@ def merged(trees: Sequence[HistoryTree]) -> HistoryTree:
     InputError
         Without a tree, or where actions and responses differ in number.
     """
+    return merged_with_places(trees)[0]
+
+
+def merged_with_places(trees: Sequence[HistoryTree]) -> tuple[HistoryTree, list[NDArray[np.int64]]]:
+    """As `merged`, and where every node of each tree is in it.
+
+    Returns
+    -------
+    HistoryTree
+    list of int64[nodes of a tree]
+    """
     if not trees:
         raise located("trees to merge", 0, "at least one")
     first = trees[0]
@@ -179,6 +190,7 @@ def merged(trees: Sequence[HistoryTree]) -> HistoryTree:
     symbol, ends, used = np.full(nodes, -1, np.int32), np.zeros(nodes), 1
     last: list[NDArray[np.int64]] | None = []
     ended = np.zeros(nodes, dtype=bool)
+    places = []
     for tree in trees:
         if (tree.n_actions, tree.n_responses) != (first.n_actions, first.n_responses):
             found = Phrase(f"{tree.n_actions} actions and {tree.n_responses} responses")
@@ -190,22 +202,24 @@ def merged(trees: Sequence[HistoryTree]) -> HistoryTree:
         )  # fmt: skip
         np.add.at(ends, place, tree.arrays.ends)
         ended[place[tree.terminals]] = True
+        places.append(place)
         if isinstance(tree, CountedTree):
             last = None
         elif last is not None:
             last.append(place[tree.run_node])
-    out = _numbered(
+    out, rank = _numbered(
         parent[:used].astype(np.int64), symbol[:used].astype(np.int64), ends[:used],
         sum(tree.n_runs for tree in trees), last, first.n_actions, first.n_responses, ended[:used],
     )  # fmt: skip
-    return out
+    return out, [rank[place] for place in places]
 
 
 def _numbered(
     parent: NDArray[np.int64], symbol: NDArray[np.int64], ends: NDArray[np.float64], runs: int,
     last: list[NDArray[np.int64]] | None, n_actions: int, n_responses: int,
     ended: NDArray[np.bool_] | None = None,
-) -> HistoryTree:  # fmt: skip
+) -> tuple[HistoryTree, NDArray[np.int64]]:  # fmt: skip
+    """The tree in canonical numbering, and the new number of every node."""
     first_child, n_children, parent, symbol, rank = _renumber(parent, symbol)
     own = np.zeros(len(ends))
     own[rank] = ends
@@ -219,8 +233,8 @@ def _numbered(
     none = np.empty(0, np.int64)
     tree = CountedTree(arrays, parent, none, n_actions, n_responses, np.flatnonzero(stops), runs)
     if last is None:
-        return tree
-    return HistoryTree(arrays, parent, rank[np.concatenate([none, *last])], n_actions, n_responses)
+        return tree, rank
+    return HistoryTree(arrays, parent, rank[np.concatenate([none, *last])], n_actions, n_responses), rank
 
 
 @kernel

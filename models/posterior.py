@@ -33,7 +33,8 @@ class Posterior(NotebookView):
         Groups `posterior` (``initial``, ``transition``, ``emission``, dims chain, draw and names, with ``group``
         where a table differs between groups of people; ``person_sd`` where people differ), `prior` (relabelled the
         same way), `sample_stats`, `log_likelihood` (by participant), `prior_predictive`, `posterior_predictive`
-        (responses of simulated studies, of some of the draws: the coordinate says which), `observed_data`.
+        (responses of simulated studies, of some of the draws: the coordinate says which), `observed_data`. Of a log
+        that was read in parts the last three are not there, and log-likelihoods are those of distinct histories.
     protocol : Protocol
     gate : Gate
     settings : mapping
@@ -67,6 +68,29 @@ class Posterior(NotebookView):
         """Draws of one table, chains joined: ``[draw, ...]``."""
         values = self._values(name, group)
         return values.reshape(-1, *values.shape[2:])
+
+    def log_likelihood(self) -> Array:
+        """Log-likelihood of the whole study, ``[chain, draw]``; of some of the draws where not all were kept."""
+        kept = self.data["log_likelihood"].to_dataset()
+        if "participant" in kept:
+            return np.asarray(kept["participant"].sum("person").to_numpy())
+        return np.asarray((kept["history"] * kept["runs"]).sum("distinct").to_numpy())
+
+    def person_log_likelihoods(self) -> Array:
+        """Log-likelihood of each person, ``[chain, draw, person]``.
+
+        Raises
+        ------
+        InputError
+            If people were not kept: the log was read in parts.
+        """
+        kept = self.data["log_likelihood"].to_dataset()
+        if "participant" not in kept:
+            raise InputError(
+                "log-likelihoods of people: found a fit of a log that was read in parts, which has those of "
+                "distinct histories; leaving people out (LOO) needs a fit of the whole log (bayes --no-stream)"
+            )
+        return np.asarray(kept["participant"].to_numpy())
 
     @property
     def groups(self) -> tuple[str, ...]:

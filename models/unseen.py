@@ -11,10 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from models.design_facts import Study
 from models.errors import Phrase, located
 from models.events import EventLog
-from models.histories import UNSEEN
+from models.histories import UNSEEN, HistoryTree
 from models.model_draws import ModelDraws
 from models.protocol import Protocol
 
@@ -22,7 +24,7 @@ EVIDENCE = "evidence_of_actions"
 """Where the settings of a fit say what `evidence_of_actions` says of its data, if they do."""
 
 
-def evidence_of_actions(log: EventLog, pins: Collection[str] = ()) -> dict[str, int]:
+def evidence_of_actions(log: Study, pins: Collection[str] = ()) -> dict[str, int]:
     """How many events of a log tell about each action, by name: those followed by another one.
 
     None do where the mode shows responses and none was recorded under the action. Of actions whose transition table
@@ -30,17 +32,37 @@ def evidence_of_actions(log: EventLog, pins: Collection[str] = ()) -> dict[str, 
 
     Parameters
     ----------
-    log : EventLog
+    log : EventLog, or CompressedLog
     pins : collection of str
         Actions whose transition table is held fixed.
     """
     p = log.protocol
-    followed = np.append(log.run_of_event[1:] == log.run_of_event[:-1], False)
-    held = np.isin(log.action, [p.action(a) for a in pins])
-    events = np.bincount(log.action[followed | held], minlength=p.n_actions)
-    responses = np.bincount(log.action[log.response != UNSEEN], minlength=p.n_actions)
-    shows = np.asarray(p.emission_index) >= 0
+    index = np.asarray(p.emission_index)
+    shows = index >= 0
+    held = np.isin(np.arange(p.n_actions), [p.action(a) for a in pins])
+    if isinstance(log, EventLog):
+        followed = np.append(log.run_of_event[1:] == log.run_of_event[:-1], False)
+        events = np.bincount(log.action[followed | held[log.action]], minlength=p.n_actions)
+        responses = np.bincount(log.action[log.response != UNSEEN], minlength=p.n_actions)
+    else:
+        every, before_another = _events_of(log.tree())
+        events = np.where(held, every, before_another)
+        responses = np.where(shows, log.emission_weights[index], 0)
     return dict(zip(p.action_names, np.where(shows & (responses == 0), 0, events).tolist(), strict=True))
+
+
+def _events_of(tree: HistoryTree) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Events of each action, and how many of them another one followed."""
+    through = tree.arrays.ends.copy()
+    # Nodes lie by depth: what passes through them is known once all that follow are.
+    level = np.searchsorted(tree.depth, np.arange(int(tree.depth[-1]) + 2))
+    for depth in range(len(level) - 2, 0, -1):
+        own = slice(level[depth], level[depth + 1])
+        np.add.at(through, tree.parent[own], through[own])
+    action = tree.arrays.action[1:]
+    counts = (np.bincount(action, n[1:], tree.n_actions) for n in (through, through - tree.arrays.ends))
+    every, before_another = (np.rint(n).astype(np.int64) for n in counts)
+    return every, before_another
 
 
 def unseen_actions(evidence: Mapping[str, int], protocol: Protocol) -> tuple[str, ...]:

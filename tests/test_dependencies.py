@@ -16,7 +16,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 GROUPS = PROJECT["dependency-groups"]
 OWN = {"models", "analysis", "tests", "commands", "figure", "hooks"}
 IMPORTED_AS = {
-    "pyyaml": "yaml", "pillow": "PIL",
+    "pyyaml": "yaml", "pillow": "PIL", "ipython": "IPython", "griffelib": "griffe",
 }  # fmt: skip
 """Packages whose module has another name."""
 

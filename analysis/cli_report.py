@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Mapping
 from typing import Annotated
@@ -22,6 +23,7 @@ from analysis.cli_options import (
     load_protocol,
 )
 from analysis.cli_planning_options import CostOption, costs_of
+from analysis.cli_stream_options import held_sentence
 from analysis.wording import counted
 from models.errors import InputError, located
 
@@ -66,8 +68,13 @@ def report_command(
         str | None, typer.Option("--unit", metavar="WORD", help="With --values: what they are in, such as points.")
     ] = None,
     kind: Annotated[
-        str | None,
-        typer.Option("--kind", metavar="real|simulated", help="Of a file: whether its people exist, on your word."),
+        list[str] | None,
+        typer.Option(
+            "--kind",
+            metavar="real|simulated",
+            help="Of a file: whether its people exist, on your word. With --compare: of every side without a card; "
+            "twice: of A, then of B.",
+        ),
     ] = None,
     title: Annotated[str | None, typer.Option("--title", help="Of a file: what the report calls it.")] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also write a PDF (needs the extra `pdf`).")] = False,
@@ -84,6 +91,15 @@ def report_command(
     quiet: QuietOption = False,
     seed: SeedOption = DEFAULT_SEED,
     protocol: ProtocolOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            metavar="N",
+            min=0,
+            help="Processes that make sections beside this one (0: none); one where there is a second processor.",
+        ),
+    ] = None,
 ) -> None:
     """Write the report on a data set: who responded how, how many states, what was learned, what was not.
 
@@ -96,17 +112,21 @@ def report_command(
 
     An analysis plan has title, date and [[planned]] tables, each with results = [keys of parts/index.csv] and why.
 
+    A file is read at once, for a report needs every person; em and bayes read large files in parts.
+
     Example: prosocial report --data frd2012 --states 2-4 --out reports/build/frd2012
     """
     if compare is not None:
         unfit = {"--data": data if data != DEFAULT_DATA else None, "--run-length": run_length, "--plan": plan,
-                 "--kind": kind, "--title": title, "--pdf": "given" if pdf else None,
+                 "--title": title, "--pdf": "given" if pdf else None,
                  "--values": values and ", ".join(values), "--cost": cost and ", ".join(cost),
-                 "--unit": unit}  # fmt: skip
+                 "--unit": unit, "--workers": workers}  # fmt: skip
         for option, value in unfit.items():
             if value is not None:
                 raise located(option, value, "no value: it does not go with --compare")
-        _compare(compare, condition, states, pin, schedule, quick, parts, out, json, quiet, seed, protocol)
+        _compare(
+            compare, condition, states, pin, schedule, kind or [], quick, parts, out, json, quiet, seed, protocol
+        )  # fmt: skip
         return
     given_with = {"--schedule": schedule, "--cost": cost and ", ".join(cost), "--unit": unit}
     for option, value in given_with.items():
@@ -122,14 +142,14 @@ def report_command(
     from analysis.report.parts import INDEX, check_parts_folder
     from analysis.report.pdf import check_available
     from analysis.report.summary import summarised
+    from analysis.side_by_side import word_of_user
     from analysis.stated_reward import read_values
 
     report = Report(json, quiet)
     if run_length not in (None, "random", "fixed"):
         raise located("--run-length", run_length, "random or fixed")
-    if kind not in (None, "real", "simulated"):
-        raise located("--kind", kind, "real or simulated")
-    for option, value in (("--kind", kind), ("--title", title)):
+    stated = _one_kind(kind)
+    for option, value in (("--kind", stated), ("--title", title)):
         if value is not None and data in datasets.names():
             raise located(option, value, f"no value: {data} has a card of its own")
     check_output_folder("--out", out)
@@ -147,28 +167,29 @@ def report_command(
     if pdf:
         check_available()
     given = {"--data": [data], "--condition": condition, "--states": states and [states], "--pin": pin,
-             "--run-length": run_length and [run_length], "--kind": kind and [kind], "--title": title and [title],
+             "--run-length": run_length and [run_length], "--kind": kind, "--title": title and [title],
              "--protocol": protocol and [protocol], "--plan": plan and [plan], "--values": values, "--cost": cost,
              "--unit": unit and [unit], "--schedule": schedule and [schedule], "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", *(["--quick"] if quick else [])]
     command += [word for option, several in given.items() for value in several or [] for word in (option, value)]
     rules = load_protocol(protocol)
+    if note := held_sentence(data, "report"):
+        report.say(note)
     loaded = datasets.load(data, rules)
     reward = read_values(values, loaded.log.protocol, _numbers(cost), unit) if values else None
     card = loaded.card
     card = replace(
-        card, run_length=run_length or card.run_length, kind=kind or card.kind, title=title or card.title
+        card, run_length=run_length or card.run_length, kind=stated or card.kind, title=title or card.title
     )  # fmt: skip
     loaded = replace(loaded, card=card)
-    if kind is not None:
-        word = f"That these people are {kind} is the word of whoever made this report (--kind)."
-        loaded = replace(loaded, notes=(*loaded.notes, word))
+    if stated is not None:
+        loaded = replace(loaded, notes=(*loaded.notes, word_of_user(stated)))
     with progress.shown(quiet) as watch:
         try:
             result = build_report(
                 loaded, states=states, seed=seed, quick=quick, out=out, condition=condition, pins=pin, pdf=pdf,
                 parts=parts, plan=planned, reward=reward, schedule=schedule, command=shlex.join(command),
-                progress=watch,
+                progress=watch, workers=usual_workers() if workers is None else workers,
             )  # fmt: skip
         except OSError as error:
             raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
@@ -201,8 +222,25 @@ def report_command(
     )  # fmt: skip
 
 
+def usual_workers() -> int:
+    """One, where there is a processor for it: a second one would mostly wait for the longest section."""
+    return min(1, (os.cpu_count() or 1) - 1)
+
+
 def _numbers(cost: list[str] | None) -> dict[str, float]:
     return {name: value for name, value in costs_of(cost).items() if value is not None}
+
+
+def _one_kind(kind: list[str] | None) -> str | None:
+    """What the user says of the one data set; None if nothing."""
+    from analysis.side_by_side import check_kind
+
+    if not kind:
+        return None
+    if len(kind) > 1:
+        raise located("--kind", ", ".join(kind), "one value, without --compare")
+    check_kind(kind[0])
+    return kind[0]
 
 
 def _found(results: Mapping[str, bool], figures: Mapping[str, bool]) -> str:
@@ -217,13 +255,14 @@ def _found(results: Mapping[str, bool], figures: Mapping[str, bool]) -> str:
 
 def _compare(
     names: tuple[str, str], condition: list[str] | None, states: str | None, pin: list[str] | None,
-    schedule: str | None, quick: bool, parts: bool, out: str, json: str | None, quiet: bool, seed: int,
-    protocol: str | None,
+    schedule: str | None, kind: list[str], quick: bool, parts: bool, out: str, json: str | None, quiet: bool,
+    seed: int, protocol: str | None,
 ) -> None:  # fmt: skip
     from pathlib import Path
 
     from analysis import progress
     from analysis.report.compare import HTML_NAME, compare_report
+    from analysis.report.summary import summarised
 
     report = Report(json, quiet)
     check_output_folder("--out", out)
@@ -231,14 +270,14 @@ def _compare(
     files = dict(zip(("--compare, A", "--compare, B"), names, strict=True))
     distinct_files(files | {"--protocol": protocol, "--json": json, f"--out, {HTML_NAME}": Path(out) / HTML_NAME})
     options = {"--condition": condition, "--states": states and [states], "--pin": pin,
-               "--schedule": schedule and [schedule], "--seed": [str(seed)]}  # fmt: skip
+               "--schedule": schedule and [schedule], "--kind": kind, "--seed": [str(seed)]}  # fmt: skip
     command = ["prosocial", "report", "--compare", *names, *(["--quick"] if quick else [])]
     command += [word for option, values in options.items() for value in values or [] for word in (option, value)]
     with progress.shown(quiet) as watch:
         try:
             result = compare_report(
                 *names, states=states, condition=condition, pins=pin, schedule=schedule, seed=seed, quick=quick,
-                out=out, parts=parts, protocol=load_protocol(protocol) if protocol else None,
+                out=out, parts=parts, protocol=load_protocol(protocol) if protocol else None, kind=kind,
                 command=shlex.join(command), progress=watch,
             )  # fmt: skip
         except OSError as error:
@@ -260,6 +299,7 @@ def _compare(
         {
             "html": result.html, "pdf": None, "parts": result.parts and result.parts.folder,
             "sections": [{"key": s.key, "title": s.title, "omitted": s.omitted} for s in result.sections],
+            "summary": [answer.line for answer in summarised(result.sections)],
             "seconds": result.seconds, "sides": [
                 {"label": s.label, "name": s.name, "kind": s.kind, "digest": s.digest, "doubt": s.doubt}
                 for s in result.sides

@@ -11,6 +11,7 @@ from pathlib import Path
 from analysis.datasets import DataSet
 from analysis.design import published
 from analysis.em_study import EmStudy, Progress
+from analysis.report.ahead import Ahead
 from analysis.report.analysis_plan import AnalysisPlan
 from analysis.report.appendix import KEY as APPENDIX
 from analysis.report.appendix import appendix
@@ -26,12 +27,12 @@ from analysis.report.registry import SECTIONS, Entry
 from analysis.report.render import PageHead, page_keys, render
 from analysis.report.section import Section
 from analysis.report.summary import summarised
-from analysis.report.units import in_unit
 from analysis.stated_reward import Asked, StatedReward, stated_reward
-from analysis.stored_results import stored_result
+from analysis.stored_results import StoredResult, found_or_made
 from analysis.study_selection import Selection, select
 from models.errors import located
 from models.model_files import write_bytes, write_text
+from models.reward import UNIT
 
 HTML_NAME, PDF_NAME, PARTS_NAME = "report.html", "report.pdf", "parts"
 
@@ -59,6 +60,8 @@ class ReportResult:
     found, drawn_before : dict of str to bool
         Of every result that costs more than a second, in words, and of every figure, by key: whether it was found
         in the store (`analysis.stored_results`) rather than computed. The page is the same either way.
+    made_beside : tuple of str
+        Sections that other processes made first.
     """
 
     html: Path
@@ -71,6 +74,7 @@ class ReportResult:
     reward: StatedReward | None = None
     found: dict[str, bool] = field(default_factory=dict)
     drawn_before: dict[str, bool] = field(default_factory=dict)
+    made_beside: tuple[str, ...] = ()
 
 
 def build_report(
@@ -91,6 +95,7 @@ def build_report(
     date: str | None = None,
     progress: Progress | None = None,
     sections: Sequence[Entry] = SECTIONS,
+    workers: int = 0,
 ) -> ReportResult:
     """Fit the models of a data set and write the report on them.
 
@@ -128,6 +133,8 @@ def build_report(
         Called with (what is running, done, total).
     sections : sequence of Entry
         The sections to show, in order.
+    workers : int
+        Other processes that make sections meanwhile (`analysis.report.ahead`); the report is the same.
 
     Raises
     ------
@@ -140,27 +147,23 @@ def build_report(
     wanted = states if states is None or isinstance(states, str) else ",".join(map(str, states))
     chosen = select(dataset, condition, wanted, pins)
     effort = Effort.of(quick)
-    held = dict.fromkeys(chosen.pins)
     if schedule is not None:
         if reward is None:
             raise located("schedule", schedule, "none: rounds are planned for where a reward is given")
         chosen.log.protocol.modes_from_letters(schedule)
-    fitted = stored_result(
-        f"Baum-Welch, states {', '.join(map(str, chosen.states))}, and bootstraps", fit_models, chosen.log,
-        tuple(chosen.states), effort, pins=held, seed=seed, progress=progress,
-    )  # fmt: skip
-    study = replace(fitted.value, compile_seconds=0.0) if fitted.reused else fitted.value
-    stated = None if reward is None else stated_reward(reward, study, schedule)
-    context = ReportContext(
-        selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
-        date=date or datetime.date.today().isoformat(), progress=progress, stated=stated,
-    )  # fmt: skip
     folder = Path(out)
     if parts:
         check_parts_folder(folder / PARTS_NAME)
-    made = tuple(entry.section(context) for entry in sections)
-    if stated is not None:
-        made = in_unit(made, stated.unit)
+    drawings = Drawings(pictures=parts)
+    with Ahead(workers, parts) as ahead:
+        fitted = _fitted(ahead, chosen, effort, seed, progress)
+        study = replace(fitted.value, compile_seconds=0.0) if fitted.reused else fitted.value
+        stated = None if reward is None else stated_reward(reward, study, schedule)
+        context = ReportContext(
+            selection=chosen, study=study, seed=seed, effort=effort, published=published(), command=command,
+            date=date or datetime.date.today().isoformat(), progress=progress, stated=stated,
+        )  # fmt: skip
+        made = tuple(ahead.sections(context, sections, UNIT if stated is None else stated.unit, drawings))
     if plan is not None:
         plan.check(page_keys(made))
     modules = {entry.key: entry.make.__module__ for entry in sections} | {APPENDIX: appendix.__module__}
@@ -168,7 +171,6 @@ def build_report(
     made = (*made, appendix(context, outputs, plan))
     if progress is not None:
         progress("drawing", 0, 1)
-    drawings = Drawings(pictures=parts)
     page = render(made, PageHead.of(context), drawings, {o.block.key: o.status for o in outputs if o.status})
     # Both are complete before either is written, so a failure leaves the last good report alone.
     pages = to_pdf(page) if pdf else None
@@ -185,7 +187,26 @@ def build_report(
     if progress is not None:
         progress("drawing", 1, 1)
     seconds = time.perf_counter() - started - study.compile_seconds
+    results = {fitted.what: fitted.reused, **context.found}
     return ReportResult(
         folder / HTML_NAME, folder / PDF_NAME if pdf else None, written, made, chosen, study, seconds, stated,
-        {fitted.what: fitted.reused, **context.found}, drawings.found,
+        {what: found and what not in ahead.computed for what, found in results.items()},
+        {key: found and key not in ahead.drawn for key, found in drawings.found.items()}, tuple(ahead.done),
+    )  # fmt: skip
+
+
+def _fitted(
+    ahead: Ahead, chosen: Selection, effort: Effort, seed: int, progress: Progress | None
+) -> StoredResult[EmStudy]:
+    """The fits of the report; if they have to be made, so has most of the rest: other processes begin too."""
+    given = (chosen.log, tuple(chosen.states), effort)
+    held = dict.fromkeys(chosen.pins)
+
+    def make() -> EmStudy:
+        ahead.start(chosen, effort, seed)
+        return fit_models(*given, pins=held, seed=seed, progress=progress)
+
+    return found_or_made(
+        f"Baum-Welch, states {', '.join(map(str, chosen.states))}, and bootstraps", make, fit_models,
+        {"args": given, "pins": held, "seed": seed},
     )  # fmt: skip

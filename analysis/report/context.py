@@ -10,7 +10,7 @@ from typing import Any
 
 from analysis.datasets import DataSet, log_digest
 from analysis.em_study import EmStudy, Progress
-from analysis.fits import stored_fit
+from analysis.fits import StoredFit, stored_fit
 from analysis.report.effort import Effort
 from analysis.report.section import Origin
 from analysis.stated_reward import StatedReward
@@ -71,13 +71,7 @@ class ReportContext:
         """
         key = (states, kappa)
         if key not in self._posteriors:
-            label = f"posterior, {states} state{'s' * (states != 1)}, kappa {kappa:g}"
-            tell = self.progress
-            stored = stored_fit(
-                self.log, log_digest(self.log), states, prior=DirichletPrior(stay=kappa),
-                pins=dict.fromkeys(self.pins), sampler=self.effort.sampler(self.seed, kappa == STICKY.stay),
-                progress=None if tell is None else lambda _, done, total: tell(label, done, total),
-            )  # fmt: skip
+            label, stored = posterior_of(self.selection, states, kappa, self.effort, self.seed, self.progress)
             self.found[label] = stored.reused
             self._posteriors[key] = stored.posterior
         return self._posteriors[key]
@@ -164,6 +158,19 @@ class ReportContext:
         """Numbers of states whose model is shown in full: four, as published, and the choice of BIC."""
         wanted = {4, self.study.best_by_bic}
         return tuple(k for k in self.study.states if k in wanted)
+
+
+def posterior_of(
+    chosen: Selection, states: int, kappa: float, effort: Effort, seed: int, progress: Progress | None = None
+) -> tuple[str, StoredFit]:
+    """The posterior of a report at a number of states and stickiness, in words and sampled, or from the store."""
+    label = f"posterior, {states} state{'s' * (states != 1)}, kappa {kappa:g}"
+    stored = stored_fit(
+        chosen.log, log_digest(chosen.log), states, prior=DirichletPrior(stay=kappa),
+        pins=dict.fromkeys(chosen.pins), sampler=effort.sampler(seed, kappa == STICKY.stay),
+        progress=None if progress is None else lambda _, done, total: progress(label, done, total),
+    )  # fmt: skip
+    return label, stored
 
 
 def versions() -> dict[str, str]:

@@ -19,7 +19,7 @@ RewardSteepness = Annotated[
 ]
 CostOption = Annotated[
     list[str] | None,
-    typer.Option("--cost", metavar="ACTION=X", help="Cost of an action, in reward units."),
+    typer.Option("--cost", metavar="ACTION=X", help="Cost of an action, in the unit of the reward."),
 ]
 CostHelpOption = Annotated[float | None, typer.Option("--cost-help", help="Cost of helping; 15 by default.")]
 CostSignalOption = Annotated[float | None, typer.Option("--cost-signal", help="Cost of a signal; 15 by default.")]

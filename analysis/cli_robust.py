@@ -65,7 +65,9 @@ def robust_command(
         list[str] | None,
         typer.Option(metavar="CONDITION:SCHEDULE:N", help="Value a further study, as help+signal:HRHRH:100,200."),
     ] = None,
-    participant_cost: Annotated[float, typer.Option(help="Cost of one participant, in reward units.")] = 0.0,
+    participant_cost: Annotated[
+        float, typer.Option(help="Cost of one participant, in the unit of the reward.")
+    ] = 0.0,
     served: Annotated[float | None, typer.Option(help="People whom the plan will serve.")] = None,
     plug_in: Annotated[
         str | None, typer.Option(metavar="MODEL", help="Point estimate (model file) to compare with.")

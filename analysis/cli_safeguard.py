@@ -65,7 +65,7 @@ def safeguard_command(
         typer.Option("--confidence", metavar="P", help="Act only if that pays with a probability above P."),
     ] = None,
     margin: Annotated[
-        float, typer.Option("--margin", help="With --confidence: by more than that, in reward units.")
+        float, typer.Option("--margin", help="With --confidence: by more than that, in the unit of the reward.")
     ] = 0.0,
     fallback: Annotated[
         list[str] | None,

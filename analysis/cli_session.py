@@ -40,7 +40,7 @@ def session_command(
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option(help="Most that actions may cost in all, in reward units; put around the policy."),
+        typer.Option(help="Most that actions may cost in all, in the unit of the reward; put around the policy."),
     ] = None,
     cost: CostOption = None,
     fallback: Annotated[

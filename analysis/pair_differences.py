@@ -1,4 +1,4 @@
-"""What differs between two sides: responses, tables, predictions, plans, each with the doubt of both."""
+"""What differs between two sides: responses, predictions, plans, each with the doubt of both."""
 
 from __future__ import annotations
 
@@ -29,11 +29,8 @@ from models.simulation import simulate_responses
 from models.spread_out import spread_out
 
 LEVEL = 0.95
-PAIRS = 4000
-"""Pairs of draws, one of each side, that differences are read off."""
-
-STREAM_PAIRS, STREAM_TEST = 7_301, 7_302
-"""First elements of the spawn keys of the streams."""
+STREAM_TEST = 7_302
+"""First element of the spawn key of the simulated pairs."""
 
 
 def rate_differences(a: EventLog, b: EventLog) -> pd.DataFrame:
@@ -61,78 +58,6 @@ def rate_differences(a: EventLog, b: EventLog) -> pd.DataFrame:
     low = d - np.hypot(both["rate_b"] - both["low_b"], both["high_a"] - both["rate_a"])
     high = d + np.hypot(both["high_b"] - both["rate_b"], both["rate_a"] - both["low_a"])
     return both.assign(difference=d, low=low, high=high)
-
-
-@dataclass(frozen=True)
-class EntryDifferences(NotebookView):
-    """Every entry of the tables on both sides.
-
-    Attributes
-    ----------
-    states : int
-    table : DataFrame
-        ``entry, a, low_a, high_a, b, low_b, high_b, difference, low, high, higher`` (share of pairs of draws in
-        which B is higher), ``apart`` (the interval of the difference leaves out zero).
-    """
-
-    states: int
-    table: pd.DataFrame
-
-    @property
-    def sentence(self) -> str:
-        """How many entries differ, beside how many would by chance."""
-        n, apart = len(self.table), int(self.table["apart"].sum())
-        return (
-            f"With {counted(self.states, 'state')}, {apart} of {n} entries differ by more than their 95% intervals "
-            f"allow; if nothing differed, about {(1 - LEVEL) * n:.1f} would. States are in canonical order on both "
-            "sides; where a state means something else on the other side, entries differ for that reason alone."
-        )
-
-
-def entry_differences(a: Side, b: Side, states: int, seed: int = 1) -> EntryDifferences:
-    """Entries of both sides, and their differences over independent pairs of draws.
-
-    Parameters
-    ----------
-    a, b : Side
-    states : int
-    seed : int
-        Of the pairs.
-    """
-    names, left = _entries(a.draws[states])
-    _, right = _entries(b.draws[states])
-    point = [_entries(ModelDraws.from_models([side.estimates[states]]))[1][0] for side in (a, b)]
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM_PAIRS, states)))
-    i = rng.choice(len(left), PAIRS, p=a.draws[states].weight)
-    j = rng.choice(len(right), PAIRS, p=b.draws[states].weight)
-    differences = right[j] - left[i]
-    tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
-    low, high = np.quantile(differences, tails, axis=0)
-    table = pd.DataFrame({"entry": names})
-    for side, values, estimate in (("a", left[i], point[0]), ("b", right[j], point[1])):
-        bottom, top = np.quantile(values, tails, axis=0)
-        table = table.assign(**{side: estimate, f"low_{side}": bottom, f"high_{side}": top})
-    higher = (differences > 0).mean(axis=0) + 0.5 * (differences == 0).mean(axis=0)
-    apart = (low > 0) | (high < 0)
-    table = table.assign(difference=point[1] - point[0], low=low, high=high, higher=higher, apart=apart)
-    return EntryDifferences(states, table)
-
-
-def _entries(draws: ModelDraws) -> tuple[list[str], Array]:
-    """Names and values ``[d, entry]`` of all tables."""
-    p, n = draws.protocol, draws.n_states
-    names = [f"initial[s{s}]" for s in range(n)]
-    names += [f"transition[{a},s{s},s{t}]" for a in p.action_names for s in range(n) for t in range(n)]
-    emission = draws.emission
-    if p.n_responses == 2:
-        top = int(np.argmax(p.scores))
-        names += [f"{p.response_names[top]}_probability[{a},s{s}]" for a in p.emission_actions for s in range(n)]
-        emission = emission[..., top]
-    else:
-        names += [f"emission[{a},s{s},{o}]" for a in p.emission_actions for s in range(n) for o in p.response_names]
-    d = draws.n_draws
-    parts = [draws.initial, draws.transition.reshape(d, -1), emission.reshape(d, -1)]
-    return names, np.concatenate(parts, axis=1)
 
 
 def cross_prediction(a: Side, b: Side, states: int) -> pd.DataFrame:

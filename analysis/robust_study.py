@@ -211,7 +211,7 @@ def robust_study(
     served : float, optional
         People whom the plan will serve.
     cost : float
-        Of one participant, in reward units.
+        Of one participant, in the unit of the reward.
     seed : int
     executor : concurrent.futures.Executor, optional
         What draws, plans, levels of caution, blocks and simulated data sets are spread over; threads by default.

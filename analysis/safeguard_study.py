@@ -59,7 +59,7 @@ class Wanted:
     expected_cost : float, optional
         Limit on what is spent on average.
     tolerance : float, optional
-        Of minimum influence, in reward units.
+        Of minimum influence, in the unit of the reward.
     confidence : float, optional
         Threshold of the probability that an action pays.
     margin : float

@@ -177,7 +177,7 @@ class LatentStatePOMDP(NotebookView):
         return self.reordered(canonical_order(self.emission, self.protocol.scores, weights))
 
     def reward_table(self) -> Array:
-        """Reward ``[a, s]`` in reward units."""
+        """Reward ``[a, s]``, in the reward's own unit."""
         return self.reward.table(self.protocol)
 
     def _view(self) -> View:

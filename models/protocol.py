@@ -27,7 +27,7 @@ RESERVED = (NO_RESPONSE, MISSING)
 
 @dataclass(frozen=True)
 class Action:
-    """One thing the robot can do. `cost` is in reward units (the published act of helping costs 15)."""
+    """One thing the robot can do. `cost` is in the unit of the reward (the published act of helping costs 15)."""
 
     name: str
     cost: float = 0.0
@@ -167,7 +167,7 @@ class Protocol(NotebookView, plain=True):
 
     @cached_property
     def costs(self) -> dict[str, float]:
-        """Cost of each action in reward units."""
+        """Cost of each action, in the unit of the reward."""
         return {a.name: a.cost for m in self.modes for a in m.actions}
 
     def action(self, name: str) -> int:

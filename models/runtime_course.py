@@ -155,7 +155,7 @@ class Course:
         quiet = silent(self.responses, self.words, mode)
         if response is None:
             return 0 if quiet else None
-        place = f"session, event {self.event}, response in mode {self.words.modes[mode]}"
+        place = f"session, event {self.event + 1}, response in mode {self.words.modes[mode]}"
         if response not in self.words.observations:
             raise located(place, response, f"one of {', '.join(self.words.observations)}")
         number, possible = self.words.observations.index(response), self.responses[mode]

@@ -11,6 +11,7 @@ from analysis.report.compared_models import scope
 from analysis.report.context import ReportContext, versions
 from analysis.report.methods import methods_paragraph
 from analysis.report.output_map import Output
+from analysis.report.search_words import search_words
 from analysis.report.section import Block, Origin, Part, Section, Table, Text
 from analysis.wording import counted
 from models.baum_welch import BaumWelch
@@ -37,7 +38,8 @@ def appendix(context: ReportContext, outputs: Sequence[Output], plan: AnalysisPl
         blocks.append(Part("The analysis plan", "analysis-plan", (_plan_text(plan, outputs), _plan(plan))))
     software = pd.DataFrame(list(versions().items()), columns=["software", "version"])
     settings = (
-        _settings(context, outputs), Table("versions", software, "Software", (Origin.DEFINITION,), facts=True)
+        *_searches(context), _settings(context, outputs),
+        Table("versions", software, "Software", (Origin.DEFINITION,), facts=True),
     )  # fmt: skip
     blocks.append(Part("Settings and software", "settings-and-software", settings))
     blocks.append(Part("What makes which figure and table", "what-makes-what", (_map(outputs),), folded=True))
@@ -70,6 +72,15 @@ def _map(outputs: Sequence[Output]) -> Table:
         "folder parts beside the report."
     )
     return Table("output-map", pd.DataFrame(rows), caption, (Origin.DEFINITION,))
+
+
+def _searches(context: ReportContext) -> tuple[Block, ...]:
+    """How many random starts there were, and how many runs behind what is said of final runs above."""
+    study = context.study
+    told = f"Longer search: {search_words(study.fits.values())}"
+    if study.paper_fits:
+        told += f" Published procedure: {search_words(study.paper_fits.values())}"
+    return (Text(f"Restarts are random starts; final runs are those that were followed to the end. {told}"),)
 
 
 def _settings(context: ReportContext, outputs: Sequence[Output]) -> Table:

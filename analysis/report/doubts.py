@@ -15,11 +15,11 @@ from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, Part, Points, Text
 from analysis.stakes import other_stakes
 from analysis.wording import counted
-from models.cautions import uncautioned
+from models.cautions import caution_line, uncautioned
 
 
 def doubts(context: ReportContext, k: int, *, estimate: bool = True, posterior: bool = True) -> tuple[Text, ...]:
-    """Warnings on the fits of one number of states; none where both can be relied on.
+    """Warnings on the fits of one number of states, which also mark what stands beside them; none where both hold.
 
     Parameters
     ----------
@@ -31,13 +31,15 @@ def doubts(context: ReportContext, k: int, *, estimate: bool = True, posterior: 
     """
     out = []
     if posterior and not (gate := context.posterior(k).gate).passed:
-        out.append(f"{gate.sentence} What follows rests on these draws.")
+        text = f"{gate.sentence} What follows rests on these draws."
+        out.append(Text(text, "warning", caution_line((gate.caution,))))
     if estimate and (caution := context.study.fits[k].caution):
-        out.append(
+        text = (
             f"{caution}: its tables are no maximum of the likelihood. Do not rely on what follows from the point "
             "estimate."
         )
-    return tuple(Text(text, "warning") for text in out)
+        out.append(Text(text, "warning", caution_line((caution,))))
+    return tuple(out)
 
 
 def flat(context: ReportContext, states: Sequence[int]) -> tuple[Text, ...]:

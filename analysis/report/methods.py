@@ -8,6 +8,7 @@ from analysis.comparison_words import listed
 from analysis.report.compared_models import scope
 from analysis.report.context import ReportContext, versions
 from analysis.report.own_reward import planned_states, rounds_of
+from analysis.report.search_words import sizes
 from analysis.report.section import NotSupported, Origin
 from analysis.report.sections import comparison, safeguards, sensitivity, sensitivity_own
 from analysis.sensitivity import READING_WORDS
@@ -60,10 +61,11 @@ def _fitted(context: ReportContext, shown: Collection[str]) -> str:
     searches: dict[str, list[int]] = {}
     for k, fit in context.study.fits.items():
         search = fit.settings
-        last = "" if search.finalists is None else f", {fit.runs_in_final_stage} of them run on"
-        words = f"{fit.restarts} random starts{last} to a gain below {search.tolerance:g}, seed {search.seed}"
+        on = "all" if search.finalists is None else f"{fit.runs_in_final_stage} of them"
+        end = f"run on to convergence (a gain below {search.tolerance:g}; at most {search.max_maps:,} maps)"
+        words = f"{fit.restarts} random starts, {on} {end}, seed {search.seed}"
         searches.setdefault(words, []).append(k)
-    told = "; ".join(f"{_sizes(ks)}: {words}" for words, ks in searches.items())
+    told = "; ".join(f"{sizes(ks)}: {words}" for words, ks in searches.items())
     text = f"Baum-Welch (expectation maximisation with monotone extrapolation) fitted models ({told})."
     if "criteria" in shown and len(context.study.fits) > 1:
         text += " They were compared by log-likelihood, AIC and BIC."
@@ -71,12 +73,8 @@ def _fitted(context: ReportContext, shown: Collection[str]) -> str:
     for k, boot in context.study.bootstraps.items():
         replicates.setdefault((boot.kind, len(boot.log_likelihood)), []).append(k)
     for (kind, n), ks in replicates.items():
-        text += f" Their uncertainty at {_sizes(ks)} is that of a {kind} ({counted(n, 'replicate')})."
+        text += f" Their uncertainty at {sizes(ks)} is that of a {kind} ({counted(n, 'replicate')})."
     return text
-
-
-def _sizes(numbers: Sequence[int]) -> str:
-    return f"{_numbers(numbers)} {'state' if tuple(numbers) == (1,) else 'states'}"
 
 
 def _numbers(numbers: Sequence[int]) -> str:
@@ -91,7 +89,7 @@ def _sampled(context: ReportContext, shown: Collection[str]) -> str:
         return ""
     sampler = context.effort.sampler(context.seed)
     text = (
-        f" At {_sizes(context.shown_states)} we sampled the posterior with the No-U-Turn sampler ({sampler.chains} "
+        f" At {sizes(context.shown_states)} we sampled the posterior with the No-U-Turn sampler ({sampler.chains} "
         f"chains of {sampler.draws:,} draws after {sampler.tune:,} of tuning), the states summed out; priors are "
         "Dirichlet with two pseudo-counts on staying in a state."
     )
@@ -105,12 +103,12 @@ def _compared(context: ReportContext, shown: Collection[str]) -> str:
     if "comparison-loo" not in shown:
         return ""
     compared, sampler = scope(context), context.effort.sampler(context.seed)
-    models = [f"latent-state models ({_sizes(compared.sizes)})"] if compared.sizes else []
+    models = [f"latent-state models ({sizes(compared.sizes)})"] if compared.sizes else []
     models += ["one state", "first-order Markov dependence on the last response"]
     models.append(f"{_numbers(compared.types)} types of people who never change")
     for k in compared.differing:
         models.append(
-            f"people with an intercept of their own {f'beside {_sizes((k,))}' if k > 1 else 'and no state'}"
+            f"people with an intercept of their own {f'beside {sizes((k,))}' if k > 1 else 'and no state'}"
         )
     text = (
         f" We compared {listed(models, 'and')} by leave-one-person-out cross-validation (Pareto-smoothed "

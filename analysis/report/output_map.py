@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from analysis.report.section import Block, Figure, Part, Section, Table
+from analysis.report.section import Block, Figure, Part, Points, Section, Table, Text
 from analysis.report.units import original
 
 PLOTS = "analysis.figures."
@@ -35,6 +35,8 @@ class Output:
         The plot functions of a figure; of a table the module of its section.
     status : str
         ``planned``, ``exploratory``, or nothing without an analysis plan.
+    mark : str
+        Marks of the warnings that stand beside it or above it (`analysis.report.section.Text`, `Points`).
     """
 
     block: Figure | Table
@@ -43,6 +45,7 @@ class Output:
     above: tuple[str, ...]
     maker: str
     status: str = ""
+    mark: str = ""
 
     @property
     def name(self) -> str:
@@ -73,13 +76,14 @@ def output_map(
     counts = {Figure: 0, Table: 0}
     out = []
     for section in sections:
-        for block, above in _walk(section.blocks, (section.key,)):
+        for block, above, marks in _walk(section.blocks, (section.key,)):
             kind = Figure if isinstance(block, Figure) else Table
             counts[kind] += 1
             module = modules.get(section.key, "")
             maker = ", ".join(plot_functions(block)) if isinstance(block, Figure) else ""
             what = status((*above, block.key)) if status is not None else ""
-            out.append(Output(block, counts[kind], section.key, above, maker or module, what))
+            mark = " ".join(marks)
+            out.append(Output(block, counts[kind], section.key, above, maker or module, what, mark))
     return tuple(out)
 
 
@@ -100,12 +104,16 @@ def plot_functions(figure: Figure) -> list[str]:
     return list(found)
 
 
-def _walk(blocks: Sequence[Block], above: tuple[str, ...]) -> Iterator[tuple[Figure | Table, tuple[str, ...]]]:
+def _walk(
+    blocks: Sequence[Block], above: tuple[str, ...], marks: tuple[str, ...] = ()
+) -> Iterator[tuple[Figure | Table, tuple[str, ...], tuple[str, ...]]]:
+    own = [block.mark for block in blocks if isinstance(block, Text | Points) and block.mark]
+    marks = tuple(dict.fromkeys((*marks, *own)))
     for block in blocks:
         if isinstance(block, Part):
-            yield from _walk(block.blocks, (*above, block.key))
+            yield from _walk(block.blocks, (*above, block.key), marks)
         elif isinstance(block, Figure | Table):
-            yield block, above
+            yield block, above, marks
 
 
 def _root(panel: Any) -> str:

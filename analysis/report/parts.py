@@ -5,9 +5,11 @@ numbers as they were computed; LaTeX files hold what the page shows, with a capt
 ASCII: `\input` them in a document that loads the packages that their first lines name (`analysis.report.latex`).
 ``summary.txt`` has the sentences of the report's head.
 
-What a quick report writes can be pasted elsewhere, far from the page that says so. So every part says it itself
-(`QUICK_MARK`): captions and first lines of LaTeX, descriptions inside SVG and PNG, which change no picture, and a
-column of the index, which speaks for the CSV files: a remark among their rows would be read as numbers.
+What is not to be relied on can be pasted elsewhere, far from the page that says so. So every part says it itself:
+that its report was a quick one (`QUICK_MARK`), and what the warnings beside it on the page say of the fits that it
+rests on (`analysis.report.output_map.Output.mark`), such as a posterior that missed its gate. Captions and first
+lines of LaTeX say it, descriptions inside SVG and PNG, which change no picture, and a column of the index, which
+speaks for the CSV files: a remark among their rows would be read as numbers.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ QUICK_MARK = "QUICK report: not for citation."
 """What stands on every part of a quick report."""
 
 MARK_COLUMN = "citation"
-"""Column of the index that holds the mark; empty in a full report."""
+"""Column of the index that holds the marks; empty for what a full report says nothing against."""
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 """How a cell begins that spreadsheets take for a formula."""
@@ -100,7 +102,7 @@ def write_parts(
     summary : sequence of str
         Lines of the summary; without any there is no such file.
     quick : bool
-        Mark every part as not for citation.
+        Mark every part as not for citation, after what marks it anyway.
 
     Raises
     ------
@@ -111,9 +113,10 @@ def write_parts(
     folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
-        index, mark = [], QUICK_MARK if quick else ""
+        index = []
         for output in outputs:
             block = output.block
+            mark = " ".join(filter(None, (output.mark, QUICK_MARK if quick else "")))
             files = (
                 _figure(block, output.number, drawings, fresh, mark) if isinstance(block, Figure)
                 else _table(block, output.number, fresh, mark)
@@ -160,7 +163,7 @@ def _commented(png: bytes, mark: str) -> bytes:
     """A PNG whose text chunk holds the mark (PNG specification, section 11.3.4.3); as it was without one."""
     if not mark:
         return png
-    chunk = b"tEXtComment\0" + mark.encode("latin-1")
+    chunk = b"tEXtComment\0" + mark.encode("latin-1", errors="replace")  # the signs that such a chunk may hold
     whole = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
     return png[:PNG_HEAD] + whole + png[PNG_HEAD:]
 

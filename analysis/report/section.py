@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -50,6 +50,16 @@ class Question(Enum):
     KNOWN = "What is known of the model"
     PLAN = "What the robot should do"
     PAPER = "What differs from the paper"
+
+
+class Compared(Enum):
+    """What a reader of a comparison wants to know first, in this order."""
+
+    SIDES = "What is compared"
+    RESPONSES = "Where responses differ"
+    ENTRIES = "Where the learned models differ"
+    ONE_MODEL = "One model for both"
+    PLANS = "What it changes for plans"
 
 
 type Drawing = Callable[[], Drawn]
@@ -153,10 +163,21 @@ class Table:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `kind` is ``plain``, ``note`` (small) or ``warning`` (set apart)."""
+    """A paragraph.
+
+    Attributes
+    ----------
+    text : str
+    kind : str
+        ``plain``, ``note`` (small) or ``warning`` (set apart).
+    mark : str
+        Of a warning, in one line: what every table and figure of the section or part that it stands in carries
+        where it is a file of its own, far from the warning (`analysis.report.parts`).
+    """
 
     text: str
     kind: str = "plain"
+    mark: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,13 +189,14 @@ class Headline(Text):
 
     Attributes
     ----------
-    question : Question
+    question : Question or Compared
+        Of a report, or of a comparison.
     origin : tuple of Origin
     about : str
         What the sentence holds for, such as ``4 states``, where the section has one sentence for each of several.
     """
 
-    question: Question
+    question: Question | Compared
     origin: tuple[Origin, ...]
     about: str = ""
 
@@ -188,10 +210,11 @@ class Headline(Text):
 
 @dataclass(frozen=True)
 class Points:
-    """A list of sentences under an optional lead."""
+    """A list of sentences under an optional lead; `mark` as of a `Text`, where they are warnings."""
 
     items: tuple[str, ...]
     lead: str = ""
+    mark: str = ""
 
 
 @dataclass(frozen=True)
@@ -263,6 +286,45 @@ class Section:
                 [block.text] if isinstance(block, Text) else list(block.items) if isinstance(block, Points) else []
             )
         return out
+
+
+def with_something(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """Parts that an introduction may stand above: at least one of them shows something.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Each made by `attempt`.
+
+    Raises
+    ------
+    NotSupported
+        If all are left out. The reason is said once where it is the same for all, and with each title elsewhere.
+
+    Examples
+    --------
+    >>> shown = Part("2 states", "plan-2", (Text("Do nothing."),))
+    >>> left_out = Part("1 state", "plan-1", (Omitted("plans", "nobody is moved"),))
+    >>> [part.key for part in with_something([shown, left_out])]
+    ['plan-2', 'plan-1']
+    >>> with_something([left_out])
+    Traceback (most recent call last):
+        ...
+    analysis.report.section.NotSupported: nobody is moved
+    """
+    reasons = {part.title: _left_out(part) for part in parts}
+    told = [reason for reason in reasons.values() if reason is not None]
+    if len(told) < len(reasons) or not told:
+        return tuple(parts)
+    if len(set(told)) == 1:
+        raise NotSupported(told[0])
+    raise NotSupported("; ".join(f"{title}: {reason}" for title, reason in reasons.items()))
+
+
+def _left_out(part: Part) -> str | None:
+    """Why a part shows nothing; None if it shows something."""
+    reasons = [block.reason for block in part.blocks if isinstance(block, Omitted)]
+    return "; ".join(dict.fromkeys(reasons)) if reasons and len(reasons) == len(part.blocks) else None
 
 
 def attempt(what: str, make: Callable[[], tuple[Block, ...]]) -> tuple[Block, ...]:

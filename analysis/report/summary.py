@@ -10,15 +10,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.report.section import Headline, Omitted, Origin, Part, Question, Section
+from analysis.report.section import Compared, Headline, Omitted, Origin, Part, Question, Section
 
-ANSWERED_BY: dict[Question, tuple[str, ...]] = {
+ANSWERED_BY: dict[Question | Compared, tuple[str, ...]] = {
     Question.PEOPLE: ("study",),
     Question.EFFECT: ("regression", "uncertainty"),
     Question.STATES: ("comparison", "states"),
     Question.KNOWN: ("uncertainty",),
     Question.PLAN: ("robust", "plan"),
     Question.PAPER: ("paper",),
+    Compared.SIDES: ("what",),
+    Compared.RESPONSES: ("responses",),
+    Compared.ENTRIES: ("tables",),
+    Compared.ONE_MODEL: ("one-model",),
+    Compared.PLANS: ("plans",),
 }
 """Keys of the sections that answer each question, the one that knows best first; sections added to a report answer
 after them."""
@@ -33,7 +38,7 @@ class Answer:
 
     Attributes
     ----------
-    question : Question
+    question : Question or Compared
     title, key : str
         Of the section that has the detail; the key may be that of a part of it.
     about : str
@@ -46,7 +51,7 @@ class Answer:
         Of its numbers; empty where there is no sentence.
     """
 
-    question: Question
+    question: Question | Compared
     title: str
     key: str
     about: str
@@ -56,8 +61,8 @@ class Answer:
 
     @property
     def place(self) -> int:
-        """Place of its question among all."""
-        return list(Question).index(self.question)
+        """Place of its question among all of its kind."""
+        return list(type(self.question)).index(self.question)
 
     @property
     def line(self) -> str:
@@ -76,7 +81,7 @@ class Answer:
 
 
 def summarised(sections: Sequence[Section]) -> tuple[Answer, ...]:
-    """The answers of a report, in the order of `Question`; none if no section has a headline.
+    """The answers of a report or a comparison, in the order of its questions; none if no section has a headline.
 
     All headlines of the section that answers are given, those not to be relied on after the others.
 
@@ -88,7 +93,7 @@ def summarised(sections: Sequence[Section]) -> tuple[Answer, ...]:
     if not said:
         return ()
     out = []
-    for question in Question:
+    for question in type(said[0][2].question):
         own = [(s, key, h) for s, key, h in said if h.question is question]
         order = ANSWERED_BY[question]
         # Among equals the first in the order of the page is taken, and sorting keeps that order.
@@ -120,7 +125,7 @@ def _headlines(section: Section) -> list[tuple[str, Headline]]:
     return out
 
 
-def _without(question: Question, asked: Sequence[Section]) -> list[Answer]:
+def _without(question: Question | Compared, asked: Sequence[Section]) -> list[Answer]:
     """Why the sections of this report that could have answered do not; nothing if it has none of them."""
     for section in asked:
         reasons = [section.omitted] if section.omitted else [

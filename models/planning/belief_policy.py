@@ -75,7 +75,7 @@ class BeliefPolicy(Policy):
         return self.vocabulary.actions[m][int(self.choose_many(self.model.check_belief(m, belief)[None], m)[0])]
 
     def action_values(self, belief: Any, mode: int | str) -> dict[str, float]:
-        """What each action is worth at a belief, by name, in reward units.
+        """What each action is worth at a belief, by name, in the unit of the reward.
 
         Raises
         ------

@@ -36,7 +36,7 @@ class BudgetPlan(NotebookView):
     charges : float64[a]
         What each action is charged.
     value : float
-        What the plan is worth, in reward units, seen from the first event.
+        What the plan is worth, in the unit of the reward, seen from the first event.
     first_values : float64[c]
         The same for each action at the first event, the best plan after it; nan where it cannot be paid for.
     decisions : tuple of int8[r]
@@ -62,12 +62,12 @@ class BudgetPlan(NotebookView):
         return self.schedule.mode(0).actions[int(self.decisions[0][0])].name
 
     def rows(self) -> list[dict[str, Any]]:
-        """The plan: event, mode, responses so far, what was spent, action; one row a history that can be met."""
+        """The plan: event (from 1), mode, responses so far, spent, action; one row a history that can be met."""
         out = []
         for k, (level, spent) in enumerate(zip(self.decisions, self.spent, strict=True)):
             mode = self.schedule.mode(k)
             for r, (a, gone) in enumerate(zip(level.tolist(), spent.tolist(), strict=True)):
-                row = {"event": k, "mode": mode.name, "responses": responses_before(self.schedule, k, r)}
+                row = {"event": k + 1, "mode": mode.name, "responses": responses_before(self.schedule, k, r)}
                 out.append({**row, "spent": gone, "action": mode.actions[a].name})
         return out
 
@@ -140,7 +140,7 @@ class BudgetValues(NotebookView):
     budgets : float64[l]
         All sums that the events can be charged, increasing from 0: between two of them nothing changes.
     values : float64[l]
-        What the best plan within each is worth, in reward units.
+        What the best plan within each is worth, in the unit of the reward.
     """
 
     schedule: Schedule

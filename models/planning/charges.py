@@ -44,8 +44,8 @@ def charges_of(source: Schedule | LatentStatePOMDP | ModelDraws, kind: Charges =
     source : Schedule, LatentStatePOMDP or ModelDraws
         Whose protocol and costs count.
     kind : {"cost", "count"} or mapping of str to float
-        The cost of the action in reward units; 1 for every action other than its mode's null action; or by name,
-        with 0 for actions that are not named.
+        The cost of the action in the unit of the reward; 1 for every action other than its mode's null action; or
+        by name, with 0 for actions that are not named.
 
     Returns
     -------

@@ -144,7 +144,7 @@ def evaluate_schedule(
                     else:
                         after[key] = reached
         if len(after) > MOST_HISTORIES:
-            found = Phrase(f"{len(after)} histories after event {k}")
+            found = Phrase(f"{len(after)} histories after event {k + 1}")
             raise located(place, found, f"at most {MOST_HISTORIES}: simulate it instead")
         holds = after
     return sums.result(policy, holds)

@@ -33,11 +33,11 @@ class ExactPlan(NotebookView):
     ----------
     schedule : Schedule
     value : float
-        What it is worth, in reward units, seen from the first event.
+        What it is worth, in the unit of the reward, seen from the first event.
     first_values : float64[a]
         The same for each action at the first event, followed by the best plan.
     decisions : tuple of int8[r]
-        Action of each event (counted within its mode) by the responses so far: those are numbered
+        By event, an index from 0: its action (counted within its mode) by the responses so far: those are numbered
         :math:`r_{k+1} = r_k O_k + o_k`, with one number in events that show none.
     """
 
@@ -52,17 +52,17 @@ class ExactPlan(NotebookView):
         return self.schedule.mode(0).actions[int(self.decisions[0][0])].name
 
     def rows(self) -> list[dict[str, Any]]:
-        """The plan: event, mode, responses so far, action; one row a history that can be met."""
+        """The plan: event (from 1), mode, responses so far, action; one row a history that can be met."""
         out = []
         for k, level in enumerate(self.decisions):
             mode = self.schedule.mode(k)
             for r, a in enumerate(level):
-                row = {"event": k, "mode": mode.name, "responses": self.responses(k, r)}
+                row = {"event": k + 1, "mode": mode.name, "responses": self.responses(k, r)}
                 out.append({**row, "action": mode.actions[a].name})
         return out
 
     def responses(self, k: int, number: int) -> tuple[str, ...]:
-        """Responses before event `k`, from their number."""
+        """Responses before event `k`, an index from 0, from their number."""
         return responses_before(self.schedule, k, number)
 
     @property
@@ -85,7 +85,7 @@ class ExactPlan(NotebookView):
 
 
 def responses_before(schedule: Schedule, k: int, number: int) -> tuple[str, ...]:
-    """Responses before event `k` of a schedule, from their number."""
+    """Responses before event `k` of a schedule, an index from 0, from their number."""
     seen: list[str] = []
     for j in range(k - 1, -1, -1):
         number, o = divmod(number, schedule.n_outcomes(j))

@@ -47,7 +47,7 @@ class Explanation(NotebookView):
     belief : dict of str to float
         By state.
     values : dict of str to float
-        What each action is worth by the policy's lights, in reward units.
+        What each action is worth by the policy's lights, in the unit of the reward.
     other : str or None
         The best other action; None if the mode offers no other.
     margin : float

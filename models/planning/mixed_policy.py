@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class MixedMemory(NamedTuple):
-    """Event, its mode, number of the responses so far, and the plans that are still possible."""
+    """Event (an index, from 0), its mode, number of the responses so far, and the plans that are still possible."""
 
     event: int
     mode: int
@@ -81,7 +81,9 @@ class MixedPolicy(Policy):
                 top = len(vocabulary.actions[m])
                 if level.shape != (size,) or np.any(level < 0) or np.any(level >= top):
                     found = level.tolist()
-                    raise located(f"policy {name}, plan {p}, event {k}, decisions", found, f"{size} below {top}")
+                    raise located(
+                        f"policy {name}, plan {p}, event {k + 1}, decisions", found, f"{size} below {top}"
+                    )
 
     @classmethod
     def of(
@@ -121,7 +123,7 @@ class MixedPolicy(Policy):
         """
         k = memory.event
         if k >= len(self.modes):
-            raise located(f"policy {self.name}, event", k, f"below {len(self.modes)}: the schedule is over")
+            raise located(f"policy {self.name}, event", k + 1, f"at most {len(self.modes)}: the schedule is over")
         out = np.zeros(len(self.vocabulary.actions[memory.mode]))
         for p in memory.possible:
             out[self.plans[p][k][memory.responses]] += self.share[p]
@@ -139,18 +141,18 @@ class MixedPolicy(Policy):
         self.check_step(memory, choice, observation, next_mode)
         k = memory.event
         if k >= len(self.modes):
-            raise located(f"policy {self.name}, event", k, f"below {len(self.modes)}: the schedule is over")
+            raise located(f"policy {self.name}, event", k + 1, f"at most {len(self.modes)}: the schedule is over")
         possible = tuple(p for p in memory.possible if self.plans[p][k][memory.responses] == choice)
         if not possible and self.left == "error":
             name = self.vocabulary.actions[memory.mode][choice]
-            raise InputError(f"policy {self.name}, event {k}: none of its plans takes {name!r} here")
+            raise InputError(f"policy {self.name}, event {k + 1}: none of its plans takes {name!r} here")
         shows = self.outcomes[k] > 1
         if observation is not None and shows != (observation > 0):
             found, none = self.vocabulary.observations[observation], self.vocabulary.observations[0]
             wanted = (
                 "a response" if shows else f"{none}: mode {self.vocabulary.modes[memory.mode]} shows no response"
             )
-            raise located(f"policy {self.name}, event {k}, observation", found, wanted)
+            raise located(f"policy {self.name}, event {k + 1}, observation", found, wanted)
         if shows and observation is None:
             counts_as = self._counts_as if self.left == "follow" else None
             observation = 1 + not_recorded(self.name, k, counts_as)
@@ -163,7 +165,7 @@ class MixedPolicy(Policy):
 
     def _unscheduled(self, event: int, mode: int) -> InputError:
         names = self.vocabulary.modes
-        return located(f"policy {self.name}, event {event}, mode", names[mode], names[self.modes[event]])
+        return located(f"policy {self.name}, event {event + 1}, mode", names[mode], names[self.modes[event]])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain content of the policy."""

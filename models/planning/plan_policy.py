@@ -23,7 +23,7 @@ Left = Literal["replan", "follow", "error"]
 
 
 class PlanMemory(NamedTuple):
-    """Place in the plan: event, mode, number of the responses so far, the history, whether it left the plan."""
+    """Place in the plan: event (an index, from 0), mode, number of the responses, history, whether it left."""
 
     event: int
     mode: int
@@ -79,7 +79,7 @@ class PlanPolicy(Policy):
         for k, (level, size, m) in enumerate(zip(decisions, sizes, modes, strict=True)):
             top = len(vocabulary.actions[m])
             if level.shape != (size,) or np.any(level < 0) or np.any(level >= top):
-                raise located(f"policy {name}, event {k}, decisions", level.tolist(), f"{size} below {top}")
+                raise located(f"policy {name}, event {k + 1}, decisions", level.tolist(), f"{size} below {top}")
         self._anew: dict[tuple[tuple[int, int | None], ...], int] = {}
 
     @classmethod
@@ -117,7 +117,7 @@ class PlanPolicy(Policy):
         if not memory.left:
             choice = int(self.decisions[memory.event][memory.responses])
         elif self.left == "error":
-            found = Phrase(f"a history that left the plan before event {memory.event}")
+            found = Phrase(f"a history that left the plan before event {memory.event + 1}")
             raise located(f"policy {self.name}", found, "one that follows it")
         else:
             if memory.history not in self._anew:
@@ -148,7 +148,8 @@ class PlanPolicy(Policy):
         if observation is not None and shows != (observation > 0):
             mode = self.vocabulary.modes[memory.mode]
             raise located(
-                f"policy {self.name}, event {memory.event}, observation", self.vocabulary.observations[observation],
+                f"policy {self.name}, event {memory.event + 1}, observation",
+                self.vocabulary.observations[observation],
                 "a response" if shows else f"{self.vocabulary.observations[0]}: mode {mode} shows no response",
             )  # fmt: skip
         seen = observation - 1 if shows and observation else None
@@ -179,7 +180,7 @@ class PlanPolicy(Policy):
     def _values(self, memory: PlanMemory) -> dict[str, float]:
         """What each action is worth there, when the best plan follows."""
         if self.schedule is None:
-            found = Phrase(f"a history that left the plan before event {memory.event}")
+            found = Phrase(f"a history that left the plan before event {memory.event + 1}")
             raise located(f"policy {self.name}", found, "one that follows it: the models to plan anew are not here")
         from models.planning.exact import history_values
 
@@ -228,11 +229,11 @@ class PlanPolicy(Policy):
         return self.why(self._named(memory)).sentence
 
     def _over(self, event: int) -> InputError:
-        return located(f"policy {self.name}, event", event, f"below {len(self.modes)}: the schedule is over")
+        return located(f"policy {self.name}, event", event + 1, f"at most {len(self.modes)}: the schedule is over")
 
     def _unscheduled(self, event: int, mode: int) -> None:
         raise located(
-            f"policy {self.name}, event {event}, mode", self.vocabulary.modes[mode],
+            f"policy {self.name}, event {event + 1}, mode", self.vocabulary.modes[mode],
             f"{self.vocabulary.modes[self.modes[event]]}, as the schedule has it",
         )  # fmt: skip
 
@@ -284,7 +285,7 @@ def not_recorded(name: str, event: int, counts_as: int | None) -> int:
     """
     if counts_as is None:
         wanted = "one of its responses: nothing says what one not recorded counts as"
-        raise located(f"policy {name}, event {event}, response", Phrase("none recorded"), wanted)
+        raise located(f"policy {name}, event {event + 1}, response", Phrase("none recorded"), wanted)
     return counts_as
 
 

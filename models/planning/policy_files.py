@@ -151,7 +151,7 @@ def _rounds(place: str, content: Mapping[str, Any]) -> _Rounds:
     modes = tuple(_whole(f"{place}, modes", content.get("modes"), 1).tolist())
     for k, m in enumerate(modes):
         if not 0 <= m < len(words.modes):
-            raise located(f"{place}, modes, event {k}", m, f"0 to {len(words.modes) - 1}")
+            raise located(f"{place}, modes, event {k + 1}", m, f"0 to {len(words.modes) - 1}")
     outcomes = tuple(_whole(f"{place}, outcomes", content.get("outcomes"), 1).tolist())
     shown = len(words.observations) - 1
     if any(o not in (1, shown) for o in outcomes):
@@ -166,9 +166,9 @@ def _decisions(place: str, decisions: list[Any], events: int) -> tuple[Any, ...]
         raise located(place, Phrase(f"{events} modes, {len(decisions)} decisions"), "one of each an event")
     levels = []
     for k, level in enumerate(decisions):
-        chosen = _whole(f"{place}, decisions, event {k}", level, 1)
+        chosen = _whole(f"{place}, decisions, event {k + 1}", level, 1)
         if np.any((chosen < 0) | (chosen > 127)):
-            raise located(f"{place}, decisions, event {k}", chosen.tolist(), "numbers of actions")
+            raise located(f"{place}, decisions, event {k + 1}", chosen.tolist(), "numbers of actions")
         levels.append(chosen.astype(np.int8))
     return tuple(levels)
 

@@ -54,7 +54,7 @@ class Schedule(NotebookView):
             raise located("schedule, events", 0, "at least one")
         for k, m in enumerate(self.modes):
             if not 0 <= m < len(self.protocol.modes):
-                raise located(f"schedule, event {k}, mode", m, f"0 to {len(self.protocol.modes) - 1}")
+                raise located(f"schedule, event {k + 1}, mode", m, f"0 to {len(self.protocol.modes) - 1}")
         if not (np.isfinite(self.discount) and 0 <= self.discount <= 1):
             raise located("schedule, discount", self.discount, "a number from 0 to 1")
         if self.terminal is not None:
@@ -152,7 +152,7 @@ class Schedule(NotebookView):
 
     @property
     def costs(self) -> Array:
-        """Cost of every action in reward units, shape ``[a]``."""
+        """Cost of every action in `unit`, shape ``[a]``."""
         own = (self.draws.reward or Reward(default_x(self.n_states))).costs
         return np.array([own.get(a, self.protocol.costs[a]) for a in self.protocol.action_names])
 
@@ -179,7 +179,7 @@ class Schedule(NotebookView):
         """
         out: list[tuple[int, int | None]] = []
         for k, (action, response) in enumerate(history):
-            place = f"history, event {k}"
+            place = f"history, event {k + 1}"
             if k >= self.n_events:
                 raise located(place, Phrase(f"{action}"), f"no more than {self.n_events} events")
             names = [a.name for a in self.mode(k).actions]
@@ -205,7 +205,9 @@ class Schedule(NotebookView):
         for choice, response in self.read(history):
             joint = self.after(joint, self.first_action(k) + choice, response)
             if joint.sum() <= 0:
-                raise InputError(f"history, event {k}: this response has probability zero there under every model")
+                raise InputError(
+                    f"history, event {k + 1}: this response has probability zero there under every model"
+                )
             k += 1
         return joint, k
 

@@ -128,7 +128,7 @@ class Rounds:
         for k, found in enumerate(reached):
             for i in found:
                 x = place[k][i]
-                text = "the end" if k == n else f"event {k}, {schedule.mode(k).name}"
+                text = "the end" if k == n else f"event {k + 1}, {schedule.mode(k).name}"
                 if units is not None:
                     left[x] = units.amount(int(levels.left[k][i]))
                     text += f", {left[x]:g} left"

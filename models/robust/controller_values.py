@@ -26,7 +26,7 @@ class ValueMatrix:
     Attributes
     ----------
     values : float64[p, d]
-        In reward units, before the first mode is seen.
+        In the unit of the reward, before the first mode is seen.
     error : float
         They are off by no more than that, from rounding.
     """

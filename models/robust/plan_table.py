@@ -84,7 +84,7 @@ class PlanEvaluator:
             level = decisions[k] if k < len(decisions) else np.zeros(0)
             top = len(s.mode(k).actions)
             if level.shape != (size,) or np.any(level < 0) or np.any(level >= top):
-                raise located(f"plan, event {k}, decisions", np.asarray(level).tolist(), f"{size} below {top}")
+                raise located(f"plan, event {k + 1}, decisions", np.asarray(level).tolist(), f"{size} below {top}")
         out = np.empty(s.draws.n_draws)
         begins = np.concatenate([[0], np.cumsum(self._sizes)[:-1]]).astype(np.int64)
         plan_values(self._tables, self._terminal, begins, np.concatenate(decisions).astype(np.int8), out)

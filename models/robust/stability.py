@@ -38,6 +38,7 @@ class Standing:
     Attributes
     ----------
     event : int
+        An index, from 0; tables and sentences count from 1.
     mode : str
     responses : tuple of str
         Those before the event.

@@ -54,7 +54,7 @@ class Arm:
             bad = len(chance) != len(mode.actions) or any(not c >= 0 for c in chance) or abs(sum(chance) - 1) > 1e-9
             if bad:
                 wanted = f"{len(mode.actions)} probabilities that sum to 1"
-                raise located(f"arm, event {k} ({mode.name}), probabilities of actions", chance, wanted)
+                raise located(f"arm, event {k + 1} ({mode.name}), probabilities of actions", chance, wanted)
 
     @classmethod
     def constant(cls, protocol: Protocol, schedule: str | Sequence[str], actions: Mapping[str, str]) -> Arm:
@@ -104,7 +104,7 @@ class Arm:
         chances = []
         for k, (m, action) in enumerate(zip(modes, actions, strict=True)):
             mode = protocol.modes[m]
-            chosen = _number(mode, action, f"arm, event {k}, action")
+            chosen = _number(mode, action, f"arm, event {k + 1}, action")
             chances.append(tuple(float(a == chosen) for a in range(len(mode.actions))))
         return cls(protocol, modes, tuple(chances))
 

@@ -63,7 +63,7 @@ class CostBudget(Safeguard):
 
     @classmethod
     def of(cls, protocol: Protocol, limit: float, charges: Mapping[str, float] | None = None) -> CostBudget:
-        """A budget in reward units, by the protocol's costs, or by charges of one's own."""
+        """A budget in the unit of the reward, by the protocol's costs, or by charges of one's own."""
         own = protocol.costs if charges is None else charges
         return cls(limit, own, Vocabulary.of(protocol), null_choices(protocol))
 

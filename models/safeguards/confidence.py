@@ -24,7 +24,7 @@ class Confidence(Safeguard):
     threshold : float
         From 0 to below 1.
     tolerance : float
-        :math:`\epsilon`, in reward units.
+        :math:`\epsilon`, in the unit of the reward.
     words : Vocabulary
     null : tuple of int
 
@@ -40,7 +40,7 @@ class Confidence(Safeguard):
     def __init__(self, threshold: float, tolerance: float, words: Vocabulary, null: tuple[int, ...]) -> None:
         self.words, self.null = words, tuple(null)
         self.threshold = check_number("confidence, threshold", threshold, 0.0, 1 - 1e-12, "from 0 to below 1")
-        wanted = "a number of at least 0, in reward units"
+        wanted = "a number of at least 0, in the unit of the reward"
         self.tolerance = check_number("confidence, tolerance", tolerance, 0.0, 1e15, wanted)
 
     @classmethod

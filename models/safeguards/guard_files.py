@@ -98,7 +98,7 @@ def _schedule(place: str, content: Content, policy: Policy) -> ScheduleWorth:
     for k, mode in enumerate(modes):
         if mode not in policy.vocabulary.modes:
             wanted = f"one of {', '.join(policy.vocabulary.modes)}"
-            raise located(f"{place}, modes, event {k}", mode, wanted)
+            raise located(f"{place}, modes, event {k + 1}", mode, wanted)
     terminal = content.get("terminal")
     end = None if terminal is None else _array(f"{place}, terminal", terminal, 1)
     discount = _number(f"{place}, discount", content.get("discount"))

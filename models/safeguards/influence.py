@@ -52,7 +52,7 @@ class MinimumInfluence(Safeguard):
     Parameters
     ----------
     tolerance : float
-        In reward units, at least 0.
+        In the unit of the reward, at least 0.
     tables : sequence of float64[d, c, s]
         Influence of the actions of each mode in each draw and state, from 0 to 1.
     words : Vocabulary
@@ -71,7 +71,7 @@ class MinimumInfluence(Safeguard):
         self, tolerance: float, tables: Sequence[ArrayLike], words: Vocabulary, null: tuple[int, ...]
     ) -> None:
         self.words, self.null = words, tuple(null)
-        wanted = "a number of at least 0, in reward units"
+        wanted = "a number of at least 0, in the unit of the reward"
         self.tolerance = check_number("influence, tolerance", tolerance, 0.0, 1e15, wanted)
         self.tables = tuple(np.asarray(t, dtype=np.float64) for t in tables)
         if len(self.tables) != len(words.modes):

@@ -33,7 +33,7 @@ class Worth:
     ----------
     values : float64[d, c]
         :math:`Q_d(a)`: expected reward from here on in draw `d`, given what was seen, if the action is taken now
-        and the committed policy goes on; in reward units. NaN: the action is not possible.
+        and the committed policy goes on; in the unit of the reward. NaN: the action is not possible.
     weight : float64[d]
         Probability of each draw given what was seen.
     belief : float64[d, s]

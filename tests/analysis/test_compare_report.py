@@ -7,15 +7,17 @@ import pandas as pd
 import pytest
 
 from analysis import datasets, fits
+from analysis.entry_differences import entry_differences
 from analysis.pair_differences import (
     cross_prediction,
-    entry_differences,
     plan_exchange,
     pooled,
     rate_differences,
     same_model_test,
 )
-from analysis.report.compare import _Comparison, compare_report
+from analysis.report import compared_people, compared_plans, compared_sides
+from analysis.report.compare import compare_report
+from analysis.report.compared_context import Comparison
 from analysis.report.effort import Effort
 from analysis.report.section import NotSupported
 from analysis.side_by_side import Side, shared_states
@@ -118,7 +120,8 @@ def test_chances_of_entries_are_those_of_all_pairs(sides):
 def test_equal_draws_are_not_apart(sides):
     found = entry_differences(sides[0], sides[0], 2)
     assert not found.table["apart"].any()
-    assert "0 of 22 entries" in found.sentence
+    assert len(found.table) == 22
+    assert "0 of 13 independent entries" in found.sentence
 
 
 def test_losses_of_prediction_are_differences_of_scores(sides):
@@ -295,9 +298,9 @@ def test_plans_of_another_protocol_need_rewards_of_their_own():
     for rewards in ((None, None), (own, None)):
         pair = tuple(corridor_side(name, i, r) for i, (name, r) in enumerate(zip("AB", rewards, strict=True)))
         with pytest.raises(NotSupported, match="what a round is worth is not known for protocol 'corridor'"):
-            _Comparison(pair, (2,), Effort.of(True), 1, None, None).plans()
+            compared_plans.make(Comparison(pair, (2,), Effort.of(True), 1, None, None))
     pair = (corridor_side("A", 1, own), corridor_side("B", 2, own))
-    (part,) = _Comparison(pair, (2,), Effort.of(True), 1, None, None).plans()
+    (part,) = compared_plans.make(Comparison(pair, (2,), Effort.of(True), 1, None, None))
     assert part.key == "plans-2"
     said = part.blocks[0].text
     assert said.startswith("With 2 states, over SPDSPDSPD, ")
@@ -308,20 +311,22 @@ def test_plans_of_another_protocol_need_rewards_of_their_own():
 def test_a_plan_that_loses_nothing_is_said_to(sides):
     a, _ = sides
     pair = (a, replace(a, label="B"))
-    (part,) = _Comparison(pair, (2,), Effort.of(True), 1, "RH", None).plans()
+    (part,) = compared_plans.make(Comparison(pair, (2,), Effort.of(True), 1, "RH", None))
     assert "nothing is lost by acting on the other side's model" in part.blocks[0].text
     assert "95%" not in part.blocks[0].text
 
 
 def test_the_same_data_on_both_sides_are_said_to_be(sides):
     a, b = (replace(s, digest="abc") for s in sides)
-    told = [_Comparison(pair, (2,), Effort.of(True), 1, None, None).what()[0] for pair in ((a, b), sides)]
+    told = [
+        compared_sides.make(Comparison(pair, (2,), Effort.of(True), 1, None, None))[0] for pair in ((a, b), sides)
+    ]
     assert "Both rest on the same data" in told[0].text
     assert not hasattr(told[1], "text")
 
 
 def test_prediction_warns_that_the_own_model_has_seen_its_people(sides):
-    warning = _Comparison(sides, (2,), Effort.of(True), 1, None, None).prediction()[0]
+    warning = compared_people.prediction(Comparison(sides, (2,), Effort.of(True), 1, None, None))[0]
     assert warning.kind == "warning"
     assert "loses even where nothing differs" in warning.text
 

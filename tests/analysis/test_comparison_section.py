@@ -6,14 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis import comparison_at_hand, fits
+from analysis import comparison_at_hand
 from analysis.comparison import CompareSettings, compare
 from analysis.comparison_at_hand import Candidate, Findings, check_work, compare_at_hand, high_k_sentence
 from analysis.em_study import run_em
 from analysis.figures.comparison import elpd_differences
 from analysis.report import compared_models
 from analysis.report.build import build_report
-from analysis.report.registry import SECTIONS
 from analysis.report.section import Figure, Headline, Origin, Points, Table
 from analysis.report.sections import comparison as section
 from analysis.report.sections import states_caveats
@@ -26,21 +25,13 @@ from models.person_offset import PersonOffset
 from models.protocol import PUBLISHED
 from models.rivals import static_pins
 from models.smc import SmcSettings
-from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, log_of, random_log
+from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log, some
 
+pytestmark = pytest.mark.usefixtures("short_reports")
 TINY = CompareSettings(
     8, 3, NutsSettings(draws=100, tune=100, chains=2), SmcSettings(60, 2, moves=1), SmcSettings(60, moves=1), 3,
     (2,),
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        little_effort(patch)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -224,8 +215,7 @@ def test_counts_are_those_of_the_fitted_tables(log):
 
 # -- in a report -------------------------------------------------------------------------------------------
 def report(log, out, states="1,2", quick=True, keys=("states", "comparison"), **card):
-    some = [e for e in SECTIONS if e.key in keys]
-    return build_report(data_set(log, **card), states=states, quick=quick, out=out, sections=some)
+    return build_report(data_set(log, **card), states=states, quick=quick, out=out, sections=some(*keys))
 
 
 def of(result, key):

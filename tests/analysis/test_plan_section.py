@@ -7,7 +7,7 @@ from analysis import datasets
 from analysis.policy_study import STUDY2
 from analysis.report.build import build_report
 from analysis.report.registry import SECTIONS
-from analysis.report.section import Omitted, Origin, Part
+from analysis.report.section import Origin
 from analysis.simulate import calibrated_truth, simulate_study1
 from models.planning.exact import solve_schedule
 from models.planning.schedule import Schedule
@@ -102,18 +102,16 @@ def test_scores_that_were_not_printed_are_called_an_assumption(bundled):
 
 def test_one_state_needs_no_plan(tmp_path):
     _, shown = section(simulate_study1(participants=40), tmp_path, (1,))
-    (part,) = [b for b in shown.blocks if isinstance(b, Part)]
-    assert [type(b) for b in part.blocks] == [Omitted]
-    assert "nothing the robot does changes anybody" in part.blocks[0].reason
+    assert shown.blocks == ()
+    assert "nothing the robot does changes anybody" in shown.omitted
 
 
 def test_nothing_is_known_about_leaving_people_alone(tmp_path):
     log = simulate_study1(participants=80, seed=3)
     always = [c for c in log.conditions if c.startswith("help")]
     _, shown = section(log.select(conditions=always), tmp_path, (2,))
-    assert shown.figures == []
-    reasons = [b.reason for b in shown.flat() if isinstance(b, Omitted)]
-    assert reasons == ["the data say nothing about no help, with which everything else is compared"]
+    assert shown.blocks == ()
+    assert shown.omitted == "the data say nothing about no help, with which everything else is compared"
 
 
 def test_a_control_arm_alone_leaves_nothing_to_decide(tmp_path):
@@ -123,8 +121,8 @@ def test_a_control_arm_alone_leaves_nothing_to_decide(tmp_path):
     made = build_report(data_set(log, kind="simulated"), states=(2,), quick=True, out=tmp_path, sections=planning)
     wanted = "the data say nothing about help or signal, so there is nothing to decide"
     for shown in made.sections[:-1]:  # the last is the appendix
-        reasons = [shown.omitted] if shown.omitted else [b.reason for b in shown.flat() if isinstance(b, Omitted)]
-        assert reasons == [wanted], shown.key
+        assert shown.omitted == wanted, shown.key
+        assert shown.blocks == (), f"{shown.key} introduces what is not there"
 
 
 def test_another_protocol_has_no_reward(tmp_path):

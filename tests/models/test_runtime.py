@@ -172,7 +172,7 @@ def test_wrong_use_is_told_and_changes_nothing(tmp_path):
     before = log.read_bytes()
     with pytest.raises(InputError, match=r"found a decision \(no_help\) whose outcome is not known"):
         session.act(ROBOT)
-    with pytest.raises(InputError, match="event 0, response in mode human_needs_help: found 'help', wanted none"):
+    with pytest.raises(InputError, match="event 1, response in mode human_needs_help: found 'help', wanted none"):
         session.observe("help")
     with pytest.raises(InputError, match="found 'dance', wanted one of no_help, help"):
         session.observe(performed="dance")

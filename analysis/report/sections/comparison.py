@@ -184,11 +184,16 @@ def _caution(result: Findings, difference: float, p_worse: float) -> str:
 
 def _checks(result: Findings, origin: Origin) -> Table:
     frame = result.table[result.table["model"].isin(result.checked)]
+    failed = [called(m) for m in result.checked if m in result.gates]
+    missed = ""
+    if failed:
+        missed = f" The convergence gate FAILED for {listed(failed, 'and')}: their k-fold is provisional."
     return _table(
         "comparison-checks", result, CHECKS,
         f"Two criteria that need more sampling. K-fold leaves out {result.folds} groups of people in turn and "
         "learns from the rest, without importance sampling. The marginal likelihood is the probability of the data "
-        f"under model and prior (kappa {result.stay:g}), by sequential Monte Carlo; it depends on the prior.",
+        f"under model and prior (kappa {result.stay:g}), by sequential Monte Carlo; it depends on the prior."
+        + missed,
         origin, (("", 1), ("k-fold over people", 2), ("marginal likelihood", 3)), frame,
     )  # fmt: skip
 

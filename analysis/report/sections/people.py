@@ -11,6 +11,7 @@ from analysis.people import PeopleStudy, people_study, spread_sentence
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Points, Table, Text
 from analysis.wording import counted
+from models.cautions import caution_line
 from models.person_offset import PersonOffset
 from models.posterior import Posterior
 
@@ -100,5 +101,7 @@ def blocks(context: ReportContext, result: PeopleStudy) -> tuple[Block, ...]:
         )
     )  # fmt: skip
     if result.warnings:
-        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand"))
+        gates = [pair.hierarchical.gate.caution for pair in result.pairs]
+        mark = caution_line(tuple(dict.fromkeys(filter(None, gates))))
+        made.append(Points(tuple(result.warnings), "Not to be relied on as they stand", mark))
     return tuple(made)

@@ -24,7 +24,7 @@ from analysis.report.own_reward import (
     unseen_or_left_out,
     want_reward,
 )
-from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt
+from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Table, Text, attempt, with_something
 from analysis.report.sections.plan_headlines import by_estimate
 from analysis.response_rates import measure_name
 from analysis.simulate import STUDY1_NAME, calibrated_truth
@@ -52,7 +52,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("plans", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"plan-{k}", blocks, folded=k != shown[0]))
-    return (*_introduction(context), *parts)
+    return (*_introduction(context), *with_something(parts))
 
 
 def _introduction(context: ReportContext) -> tuple[Block, ...]:

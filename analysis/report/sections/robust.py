@@ -22,7 +22,7 @@ from analysis.report.own_reward import (
     unseen_or_left_out,
     want_reward,
 )
-from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt, with_something
 from analysis.report.sections.plan_headlines import under_doubt
 from analysis.report.sections.robust_endless import endless_blocks
 from analysis.robust_study import RobustStudy, robust_study
@@ -64,7 +64,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("plans under doubt", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"robust-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *reservations(context), *parts)
+    return (Text(intro), *reservations(context), *with_something(parts))
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:

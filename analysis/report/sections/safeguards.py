@@ -19,7 +19,7 @@ from analysis.report.own_reward import (
     unseen_or_left_out,
     want_reward,
 )
-from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt
+from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt, with_something
 from analysis.safeguard_study import (
     BUDGET,
     CONFIDENCE,
@@ -58,7 +58,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     for k in shown:
         blocks = attempt("safeguards", partial(_model, context, k))
         parts.append(Part(title_of(context, k), f"safeguards-{k}", blocks, folded=k != shown[0]))
-    return (Text(intro), *reservations(context), *parts)
+    return (Text(intro), *reservations(context), *with_something(parts))
 
 
 def _model(context: ReportContext, k: int) -> tuple[Block, ...]:

@@ -13,7 +13,19 @@ from analysis.kappa_sensitivity import KAPPAS
 from analysis.report.context import ReportContext
 from analysis.report.doubts import doubts, reservations, told_above
 from analysis.report.own_reward import planned_states, title_of, unseen_or_left_out, want_reward
-from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.report.section import (
+    Block,
+    Figure,
+    NotSupported,
+    Omitted,
+    Origin,
+    Part,
+    Points,
+    Table,
+    Text,
+    attempt,
+    with_something,
+)
 from analysis.report.sections.plan import known_truth
 from analysis.report.sections.sensitivity_own import own_blocks
 from analysis.sensitivity import READING_WORDS, READINGS, SensitivityEffort, SensitivityStudy, sensitivity_study
@@ -65,12 +77,14 @@ def make(context: ReportContext) -> tuple[Block, ...]:
         )
     if context.stated is not None:
         return (*blocks, *own_blocks(context, unseen))
-    blocks += attempt("numbers of states beside each other", partial(_states, context, unseen))
-    shown = planned_states(context)
+    beside = attempt("numbers of states beside each other", partial(_states, context, unseen))
+    shown, parts = planned_states(context), []
     for k in shown:
         made = attempt("what decisions depend on", partial(_model, context, k, unseen))
-        blocks.append(Part(title_of(context, k), f"sensitivity-{k}", made, folded=k != shown[0]))
-    return tuple(blocks)
+        parts.append(Part(title_of(context, k), f"sensitivity-{k}", made, folded=k != shown[0]))
+    if all(isinstance(block, Omitted) for block in beside):
+        parts = [*with_something(parts)]
+    return (*blocks, *beside, *parts)
 
 
 def _introduction(context: ReportContext) -> str:

@@ -13,7 +13,7 @@ from analysis.own_sensitivity import BELIEF, COSTS, DISCOUNT, PRIOR, WORTH, OwnS
 from analysis.report.context import ReportContext
 from analysis.report.doubts import doubts, told_above
 from analysis.report.own_reward import planned_states, rewarded_draws, title_of
-from analysis.report.section import Block, NotSupported, Part, Table, Text, attempt
+from analysis.report.section import Block, NotSupported, Part, Table, Text, attempt, with_something
 from analysis.sensitivity import READING_WORDS
 from analysis.sensitivity_variants import Beside
 from analysis.wording import counted
@@ -57,7 +57,7 @@ def own_blocks(context: ReportContext, unseen: tuple[str, ...]) -> tuple[Block, 
         )
         for k in shown
     ]  # fmt: skip
-    return (Text(text), *parts)
+    return (Text(text), *with_something(parts))
 
 
 def _model(context: ReportContext, k: int, unseen: tuple[str, ...]) -> tuple[Block, ...]:

@@ -29,6 +29,7 @@ from analysis.report.section import (
 from analysis.report.sections import uncertainty_effects
 from analysis.uncertainty import KNOWN, PARTLY, BesideEm, beside_em, contraction, contrasts
 from analysis.wording import counted
+from models.cautions import caution_line
 from models.posterior import Posterior
 
 RANKED = 6
@@ -57,7 +58,8 @@ def _of(context: ReportContext, k: int) -> tuple[Block, ...]:
     text = gate.sentence
     if not gate.passed and context.effort.quick:
         text += " This is a quick report with few draws; a full report takes more."
-    blocks: list[Block] = [*flat(context, (k,)), Text(text, "note" if gate.passed else "warning")]
+    told = Text(text, "note" if gate.passed else "warning", caution_line(posterior.draws_cautions))
+    blocks: list[Block] = [*flat(context, (k,)), told]
     found = beside_em(posterior, context.study.fits[k], context.study.bootstraps.get(k))
     if found.stuck:
         blocks.append(Text(found.warning, "warning"))

@@ -163,7 +163,8 @@ def test_rows_add_up_what_was_spent(truth):
     schedule = Schedule.of(truth, "HRHRH")
     plan = solve_with_budget(schedule, 30)
     costs = charges_of(truth)
-    by_history = {(row["event"], row["responses"]): row for row in plan.rows()}
+    by_history = {(row["event"] - 1, row["responses"]): row for row in plan.rows()}
+    assert {row["event"] for row in plan.rows()} == {1, 2, 3, 4, 5}
     for (k, seen), row in by_history.items():
         spent = 0.0
         for j in range(k):

@@ -44,8 +44,8 @@ def own_table(plan):
     names = {r: i for i, r in enumerate(plan.schedule.protocol.response_names)}
     out = [{} for _ in plan.decisions]
     for row in plan.rows():
-        actions = [a.name for a in plan.schedule.mode(row["event"]).actions]
-        out[row["event"]][tuple(names[r] for r in row["responses"])] = actions.index(row["action"])
+        actions = [a.name for a in plan.schedule.mode(row["event"] - 1).actions]
+        out[row["event"] - 1][tuple(names[r] for r in row["responses"])] = actions.index(row["action"])
     return out
 
 
@@ -210,8 +210,8 @@ def test_study_two(truth):
     assert f"{plan.value:.1f}" == "219.4"
     assert plan.first_action == "no_signal"
     assert "219.4" in plan.sentence
-    assert {row["action"] for row in plan.rows() if row["event"] in (1, 3, 5)} == {"help"}
-    assert {row["action"] for row in plan.rows() if row["event"] == 7} == {"no_help"}
+    assert {row["action"] for row in plan.rows() if row["event"] in (2, 4, 6)} == {"help"}
+    assert {row["action"] for row in plan.rows() if row["event"] == 8} == {"no_help"}
     assert len(plan.table) == 1 + 2 + 2 + 4 + 4 + 8 + 8 + 16 + 16
 
 
@@ -259,9 +259,9 @@ def test_unusable_schedules(truth, change, words):
 @pytest.mark.parametrize(
     ("history", "words"),
     [
-        ([("help", None)], "event 0, action: found 'help', wanted one of no_signal, signal"),
-        ([("signal", "perhaps")], "event 0, response: found 'perhaps', wanted one of no_help, help"),
-        ([("signal", "help"), ("help", "help")], "event 1, response: found 'help', wanted None"),
+        ([("help", None)], "event 1, action: found 'help', wanted one of no_signal, signal"),
+        ([("signal", "perhaps")], "event 1, response: found 'perhaps', wanted one of no_help, help"),
+        ([("signal", "help"), ("help", "help")], "event 2, response: found 'help', wanted None"),
         ([("signal", "help"), ("help", None), ("signal", "help")], "the schedule is over"),
         ([("signal", "help"), ("help", None), ("signal", "help"), ("help", None)], "no more than 3 events"),
     ],

@@ -70,7 +70,7 @@ def test_refuses(plan):
         for h in ([(wrong, 0)], [(1 - wrong, None)]):
             memory = memory_after(p, plan.schedule, h)
             with pytest.raises(
-                InputError, match="found a history that left the plan before event 1, wanted one that"
+                InputError, match="found a history that left the plan before event 2, wanted one that"
             ):
                 p.act(memory)
         assert p.act(memory_after(p, plan.schedule, [(1 - wrong, 1)])) == plan.decisions[1][1]
@@ -79,7 +79,7 @@ def test_refuses(plan):
 def test_nothing_to_count_a_missing_response_as(plan):
     words, outcomes = Vocabulary.of(PUBLISHED), tuple(plan.schedule.n_outcomes(k) for k in range(5))
     policy = PlanPolicy(words, plan.schedule.modes, plan.decisions, outcomes, left="follow")
-    with pytest.raises(InputError, match="event 0, response: found none recorded"):
+    with pytest.raises(InputError, match="event 1, response: found none recorded"):
         policy.observe(policy.begin(ROBOT), 0, None, HUMAN)
     hopeful = PlanPolicy(words, plan.schedule.modes, plan.decisions, outcomes, left="follow", missing="help")
     assert hopeful.observe(hopeful.begin(ROBOT), 0, None, HUMAN).responses == 1

@@ -243,11 +243,11 @@ def test_plan_goes_on_when_overruled_or_blind():
 
 def test_plan_refusals():
     plan = policy("plan")
-    with pytest.raises(InputError, match="event 0, mode: found 'human_needs_help', wanted robot_needs_help"):
+    with pytest.raises(InputError, match="event 1, mode: found 'human_needs_help', wanted robot_needs_help"):
         plan.begin(HUMAN)
-    with pytest.raises(InputError, match="event 1, mode: found 'robot_needs_help', wanted human_needs_help"):
+    with pytest.raises(InputError, match="event 2, mode: found 'robot_needs_help', wanted human_needs_help"):
         plan.observe(plan.begin(ROBOT), 0, HELP, ROBOT)
-    with pytest.raises(InputError, match="event 0, observation: found 'none', wanted a response"):
+    with pytest.raises(InputError, match="event 1, observation: found 'none', wanted a response"):
         plan.observe(plan.begin(ROBOT), 0, NONE, HUMAN)
     over = plan.memory_after((("signal", "help"), ("help", None)) * 2 + (("signal", "help"),))
     with pytest.raises(InputError, match="the schedule is over"):

@@ -172,7 +172,7 @@ def changed(path, value):
         (("terminal",), [1.0], "terminal, shape"),
         (("product",), [], "product: found list, wanted an object"),
         (("product", "names"), ["a"], "product, shape of mode"),
-        (("product", "names", 1), "event 0, robot_needs_help, 15 left", "wanted a list of different names"),
+        (("product", "names", 1), "event 1, robot_needs_help, 15 left", "wanted a list of different names"),
         (("product", "mode", 0), 5, "product, mode: found 5"),
         (("product", "allowed", 0), [False, False], "allowed"),
         (("product", "allowed"), [[1, 1]], "product, allowed"),

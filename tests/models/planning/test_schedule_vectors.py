@@ -198,7 +198,7 @@ def test_off_the_schedule():
         policy.begin(human)
     start = policy.begin(robot)
     with pytest.raises(
-        InputError, match="mode after event 0, robot_needs_help: found 'robot_needs_help', wanted human"
+        InputError, match="mode after event 1, robot_needs_help: found 'robot_needs_help', wanted human"
     ):
         policy.observe(start, 0, 1, robot)
     with pytest.raises(InputError, match="observation in mode robot_needs_help: found 'none', wanted a response"):

@@ -113,9 +113,9 @@ def test_draws_are_solved_alike_in_chunks_and_at_once(monkeypatch):
 
 def test_a_plan_that_does_not_fit_is_refused():
     schedule = Schedule.of(sticky_draws(2, 3), "RH")
-    with pytest.raises(InputError, match="event 1"):
+    with pytest.raises(InputError, match="event 2"):
         PlanEvaluator(schedule).values((np.zeros(1, np.int8),))
-    with pytest.raises(InputError, match="event 0"):
+    with pytest.raises(InputError, match="event 1"):
         PlanEvaluator(schedule).values((np.full(1, 2, np.int8), np.zeros(1, np.int8)))
 
 

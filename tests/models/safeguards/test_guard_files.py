@@ -119,7 +119,7 @@ def test_malformed_entries_are_refused_by_place(data, worth):
         ("none", ("null",), ["help", "no_signal"], "it is the null action of mode human_needs_help"),
         ("none", ("fallback", "kind"), "reciprocal", "fallback"),
         ("none", ("policy", "kind"), "guarded", "policy, key kind: found 'guarded', wanted the kind of a policy"),
-        ("schedule", ("worth", "modes", 2), "nowhere", "worth, modes, event 2: found 'nowhere'"),
+        ("schedule", ("worth", "modes", 2), "nowhere", "worth, modes, event 3: found 'nowhere'"),
         ("schedule", ("worth", "models", 1, "weight"), 0.9, "worth, models"),
         ("schedule", ("worth", "models", 1), 3, "worth, models, model 1: found 3, wanted a model object"),
         ("schedule", ("worth", "discount"), 1.5, "worth: schedule, discount: found 1.5"),

@@ -11,6 +11,9 @@ BIN := .venv/bin
 OUT := reports/build
 ARGS ?=
 
+# A machine that is told not to keep compiled Python would compile every library anew with every command: seconds each.
+unexport PYTHONDONTWRITEBYTECODE
+
 help: ## This list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 

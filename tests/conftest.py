@@ -1,6 +1,7 @@
-"""What all tests share: the hypothesis profile, a browser, and the way to files kept outside the checkout."""
+"""What all tests share: the hypothesis profile, kept bytecode, a browser, the way to files outside the checkout."""
 
 import os
+import sys
 from pathlib import Path
 
 import hypothesis
@@ -12,6 +13,11 @@ hypothesis.settings.register_profile(
     "workbench", derandomize=True, database=None, deadline=None, max_examples=40, print_blob=True
 )
 hypothesis.settings.load_profile("workbench")
+
+# Images of machines like to set this. Here every worker imports all modules and tests, dozens of tests start
+# processes, and without bytecode each of them compiles pandas, PyMC and the house from source: seconds of CPU time.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(scope="session")

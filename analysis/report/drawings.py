@@ -9,7 +9,8 @@ import zlib
 from dataclasses import dataclass
 from functools import partial
 
-from analysis.figures.style import to_png, to_svg
+from analysis.figures.style import Drawn as Panel
+from analysis.figures.style import figure_of, to_png, to_svg
 from analysis.report.section import Figure
 from analysis.stored_results import found_or_made
 
@@ -76,6 +77,12 @@ def draw(figure: Figure, pictures: bool) -> list[Packed]:
     pictures : bool
         Also as PNG.
     """
-    return [
-        (zlib.compress(to_svg(drawn).encode(), 1), to_png(drawn) if pictures else None) for drawn in figure.drawn()
-    ]
+    return [_packed(drawn, pictures) for drawn in figure.drawn()]
+
+
+def _packed(drawn: Panel, pictures: bool) -> Packed:
+    svg = zlib.compress(to_svg(drawn).encode(), 1)
+    if not pictures:
+        return svg, None
+    figure_of(drawn).set_layout_engine("none")  # it is laid out, and that takes as long as drawing it
+    return svg, to_png(drawn)

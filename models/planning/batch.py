@@ -232,7 +232,8 @@ def _attempt(
 ) -> DrawSolution | None:
     """One draw by the grid in one compiled call; None if that does not certify it."""
     arrays = batch.arrays(d)
-    beliefs = np.ascontiguousarray(np.broadcast_to(batch.draws.initial[d], (len(modes), batch.draws.n_states)))
+    # A copy even of one row: a view that may not be written to would have the kernels compiled once more.
+    beliefs = np.tile(batch.draws.initial[d], (len(modes), 1))
     status = solve_run(arrays, run, modes, beliefs, weight, precision, True, rounds, 0)
     if status != DONE:
         return None

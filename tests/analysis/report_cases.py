@@ -10,6 +10,7 @@ import pandas as pd
 from analysis import held_out_contenders
 from analysis.datasets import Card, DataSet, log_digest
 from analysis.report.effort import Effort
+from analysis.report.registry import SECTIONS
 from analysis.report.sections import held_out
 from models.events import EventLog
 from models.protocol import PUBLISHED, Action, Mode, Protocol, Response
@@ -67,6 +68,16 @@ def random_log(protocol, people=60, rounds=6, seed=1, missing=0.05, stop=0.0):
 def data_set(log, **card):
     """Data set with a card made up for a test."""
     return DataSet(log, Card(**{"name": "small", "title": "A small study", **card}), (), log_digest(log))
+
+
+def small_study():
+    """Twenty people, simulated."""
+    return data_set(random_log(PUBLISHED, people=20), kind="simulated")
+
+
+def some(*keys):
+    """Some sections of the report, in its order."""
+    return tuple(entry for entry in SECTIONS if entry.key in keys)
 
 
 FEW_PARTICLES = (

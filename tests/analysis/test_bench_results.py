@@ -218,8 +218,13 @@ def test_stored_rows_have_ranges_around_their_medians(stored):
                 assert r["note"], r["name"]
 
 
-def test_the_stored_page_holds_every_target_and_the_figures(stored):
-    text, figures = page(stored)
+@pytest.fixture(scope="module")
+def stored_page(stored):
+    return page(stored)
+
+
+def test_the_stored_page_holds_every_target_and_the_figures(stored, stored_page):
+    text, figures = stored_page
     for rows in judged(stored).values():
         for _, r in rows:
             assert plain(r["name"]) in text
@@ -230,7 +235,7 @@ def test_the_stored_page_holds_every_target_and_the_figures(stored):
     assert str(Path.home()) + "/" not in text
 
 
-def test_the_site_makes_the_page_from_the_stored_results(stored):
+def test_the_site_makes_the_page_from_the_stored_results(stored_page):
     config_of = pytest.importorskip("mkdocs.config.defaults")
     structure = pytest.importorskip("mkdocs.structure.files")
     plugins = pytest.importorskip("mkdocs.plugins")
@@ -240,7 +245,7 @@ def test_the_site_makes_the_page_from_the_stored_results(stored):
     config.plugins = plugins.PluginCollection()
     config.plugins._current_plugin = None  # as while no plugin runs
     files = hook["on_files"](structure.Files([]), config)
-    text, figures = page(stored)
+    text, figures = stored_page
     assert files.get_file_from_path(hook["PAGE"]).content_string == text
     assert {f.src_uri for f in files} == {hook["PAGE"], *figures}
     site = (FOLDER.parent / "docs" / "mkdocs.yml").read_text(encoding="utf-8")

@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import time
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -52,23 +54,33 @@ def interrupt(log, states):
             fits.stored_fit(log, log_digest(log), states, sampler=SHORT)
 
 
-@pytest.fixture
-def full(store, log):
+@pytest.fixture(scope="module")
+def filled(log, tmp_path_factory):
     """One of each: a fit, outdated ones, chains of an interrupted run, something damaged, left over, foreign."""
+    store = tmp_path_factory.mktemp("filled")
     digest = log_digest(log)
-    fit = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=5.0), pins={"help": None}, sampler=SHORT)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "store_folder", lambda: store)
+        fit = fits.stored_fit(log, digest, 2, prior=DirichletPrior(stay=5.0), pins={"help": None}, sampler=SHORT)
+        interrupt(log, 3)
         patch.setattr(fits, "source_digest", lambda *modules: "of other code")
         old = fits.stored_fit(log, digest, 1, sampler=SHORT)
         interrupt(log, 4)
-    interrupt(log, 3)
     (store / "damaged.nc").write_bytes(fit.path.read_bytes()[:2000])
     (store / ".dead.nc.x1.nc").write_bytes(b"half")
     os.utime(store / ".dead.nc.x1.nc", (time.time() - DAY,) * 2)
     (store / ".alive.nc.x2.nc").write_bytes(b"being written")
     (store / "notes.txt").write_text("mine")
-    (store / "link.nc").symlink_to(store / "notes.txt")
-    return fit, old
+    (store / "link.nc").symlink_to("notes.txt")
+    return store, fit, old
+
+
+@pytest.fixture
+def full(store, filled):
+    """A copy of its own for each test, which may clear it."""
+    folder, *made = filled
+    shutil.copytree(folder, store, symlinks=True)
+    return [replace(fit, path=store / fit.path.name) for fit in made]
 
 
 def run(capsys, *arguments):

@@ -119,7 +119,7 @@ def test_a_mode_that_cannot_follow_leaves_the_event_open(command, tmp_path):
     lines = ["H", "help", "R", "R", "performed help", "H"]
     status, out, _ = command(*words, lines=lines)
     assert status == 2
-    assert out[3].startswith("refused: policy exact plan, event 2, mode: found 'human_needs_help'")
+    assert out[3].startswith("refused: policy exact plan, event 3, mode: found 'human_needs_help'")
     assert out[4] == "noted: help was done"
     assert out[5].split(":")[0] in ("signal", "no_signal")
     entries = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]

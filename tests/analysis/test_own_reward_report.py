@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from analysis import fits
 from analysis.event_files import write_events
 from analysis.report.build import build_report
 from analysis.report.registry import SECTIONS
@@ -16,7 +15,7 @@ from models.planning.schedule import Schedule
 from models.protocol import PUBLISHED, Action, Mode, Protocol, Response
 from models.reward import Reward
 from tests.analysis.command import run_captured
-from tests.analysis.report_cases import data_set, little_effort, random_log
+from tests.analysis.report_cases import data_set, random_log
 
 DEPOT = Protocol(
     "depot",
@@ -31,17 +30,12 @@ KEYS = ("provenance", "reward", "plan", "robust", "sensitivity", "safeguards")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def little(tmp_path_factory):
-    store = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        little_effort(patch)
-        patch.setattr(fits, "store_folder", lambda: store)
-        patch.setattr(robust, "QUICK_DRAWS", 20)
-        patch.setattr(robust, "QUICK_REPLICATES", 5)
-        patch.setattr(safeguards, "QUICK_DRAWS", 8)
-        patch.setattr(sensitivity_own, "QUICK_ENDLESS_DRAWS", 3)
-        patch.setattr(sensitivity_own, "QUICK_FEW_DRAWS", 10)
-        yield
+def few_draws(short_reports):
+    short_reports.setattr(robust, "QUICK_DRAWS", 20)
+    short_reports.setattr(robust, "QUICK_REPLICATES", 5)
+    short_reports.setattr(safeguards, "QUICK_DRAWS", 8)
+    short_reports.setattr(sensitivity_own, "QUICK_ENDLESS_DRAWS", 3)
+    short_reports.setattr(sensitivity_own, "QUICK_FEW_DRAWS", 10)
 
 
 def reported(out, **options):

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from analysis import bayes_twin as twin_module
-from analysis import fits
 from analysis.datasets import load
 from analysis.figures.odds import odds_forest, rates_beside, residual_classes
 from analysis.figures.quadrature import rules_near_ceiling
@@ -31,14 +30,6 @@ from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
 from tests.analysis.test_regression import made_up_twin
 
 ENTRIES = [entry for entry in SECTIONS if entry.key in ("provenance", "regression")]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        yield
 
 
 @pytest.fixture(scope="module")

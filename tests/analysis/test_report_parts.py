@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from analysis import fits
 from analysis.figures.style import axes
 from analysis.report import build
 from analysis.report.analysis_plan import EXPLORATORY, PLANNED, read_analysis_plan
@@ -17,34 +16,22 @@ from analysis.report.drawings import Drawings
 from analysis.report.latex import escaped, latex
 from analysis.report.output_map import output_map, plot_functions
 from analysis.report.parts import MARK_COLUMN, QUICK_MARK, write_parts
-from analysis.report.registry import SECTIONS, Entry
+from analysis.report.registry import Entry
 from analysis.report.section import Figure, Origin, Part, Section, Table, Text
+from analysis.report.summary import summarised
 from models.errors import InputError
-from models.protocol import PUBLISHED
 from tests.analysis.command import result_of, run
-from tests.analysis.report_cases import data_set, little_effort, random_log
+from tests.analysis.report_cases import small_study, some
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATE = "2026-01-31"
 build_report = partial(build.build_report, parts=True)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        little_effort(patch)
-        yield
-
-
-def some(*keys):
-    return tuple(e for e in SECTIONS if e.key in keys)
+pytestmark = pytest.mark.usefixtures("short_reports")
 
 
 @pytest.fixture(scope="module")
 def small():
-    return data_set(random_log(PUBLISHED, people=20), kind="simulated")
+    return small_study()
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +57,14 @@ def test_every_figure_and_table_is_a_file_and_listed(report):
     assert there == named | {"index.csv", "methods.txt", "summary.txt"}
     assert all(row["origin"] and row["made_by"] and row["caption"] for row in listed)
     assert report.parts.figures + report.parts.tables == len(listed)
+
+
+def test_parts_hold_the_summary(report):
+    lines = (report.parts.folder / "summary.txt").read_text(encoding="utf-8").splitlines()
+    assert len(lines) > 1
+    for line, answer in zip(lines, summarised(report.sections), strict=True):
+        assert line.startswith(f"{answer.question.value} [")
+        assert "simulated" in line
 
 
 def test_numbers_are_those_of_the_page(report):
@@ -360,5 +355,5 @@ def test_a_file_is_of_the_kind_and_title_that_the_user_says(tmp_path, capsys):
     assert "real or simulated" in capsys.readouterr().err
     assert run("report", "--kind", "real", "--quick", "--out", tmp_path / "out") == 2
     assert "has a card of its own" in capsys.readouterr().err
-    assert run("report", "--compare", log, "frd2012", "--kind", "real", "--out", tmp_path / "out") == 2
-    assert "--kind" in capsys.readouterr().err
+    assert run("report", "--compare", log, "frd2012", "--title", "My pilot", "--out", tmp_path / "out") == 2
+    assert "--title" in capsys.readouterr().err

@@ -8,20 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis import fits
-from analysis.datasets import load
 from analysis.em_study import EmStudy
 from analysis.report.build import build_report
 from analysis.report.drawings import Drawings
 from analysis.report.pdf import available, to_pdf
-from analysis.report.registry import SECTIONS, Entry
+from analysis.report.registry import Entry
 from analysis.report.render import PageHead, render
 from analysis.report.section import Headline, NotSupported, Omitted, Origin, Part, Question, Section, Text
 from analysis.report.sections import plan_headlines, regression, states
 from analysis.report.summary import ANSWERED_BY, summarised
 from analysis.report.units import in_unit
 from analysis.robust_study import robust_study
-from analysis.uncertainty import KNOWN, PARTLY
 from models.gate import convergence_gate
 from models.lspomdp import LatentStatePOMDP
 from models.model_draws import ModelDraws
@@ -29,23 +26,11 @@ from models.planning.evaluation import evaluate_schedule
 from models.planning.plan_policy import PlanPolicy
 from models.planning.schedule import Schedule
 from models.protocol import PUBLISHED
-from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, log_of, random_log
+from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log, some
 from tests.models.planning.policy_cases import person
 
+pytestmark = pytest.mark.usefixtures("short_reports")
 HEAD = PageHead("A study", (Origin.REAL,), ("0" * 64,), 1, "2026-01-31", "", False)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        little_effort(patch)
-        yield
-
-
-def some(*keys):
-    return tuple(entry for entry in SECTIONS if entry.key in keys)
 
 
 def said(question, text="It is 3 (1 to 5).", kind="plain", origin=(Origin.REAL,), about=""):
@@ -146,58 +131,6 @@ def test_the_page_shows_verdict_and_badge_and_the_section_does_not_repeat_it():
 def test_a_stated_unit_reaches_the_summary():
     plan = Section("Plan", "plan", (said(Question.PLAN, "It gains 3 reward units."),))
     assert summarised(in_unit((plan,), "points"))[0].text == "It gains 3 points."
-
-
-@pytest.fixture(scope="module")
-def bundled(tmp_path_factory):
-    out = tmp_path_factory.mktemp("bundled")
-    chosen = some("study", "states", "uncertainty", "regression", "plan", "paper")
-    return build_report(
-        load("simulated_study1"), states=(2, 4), quick=True, out=out, parts=True, sections=chosen,
-        date="2026-01-31",
-    )  # fmt: skip
-
-
-def test_a_report_answers_every_question_with_a_number_and_how_sure_it_is(bundled):
-    answers = summarised(bundled.sections)
-    assert list(dict.fromkeys(a.question for a in answers)) == list(Question)
-    for answer in answers:
-        assert Origin.SIMULATED in answer.origin
-        assert len(re.findall(r"\d+(?:\.\d+)?", answer.text)) >= 2, answer.question
-        assert len(answer.text) < 420
-    page = bundled.html.read_text(encoding="utf-8")
-    ids = set(re.findall(r' id="([^"]+)"', page))
-    assert {a.key for a in answers} <= ids
-    assert page.index("In short") < page.index("<nav") < page.index('<section id="study"')
-    assert page.count('class="badge badge-simulated"', 0, page.index("<nav")) == 1 + len(answers)
-
-
-def test_parts_hold_the_summary(bundled):
-    lines = (bundled.parts.folder / "summary.txt").read_text(encoding="utf-8").splitlines()
-    for line, answer in zip(lines, summarised(bundled.sections), strict=True):
-        assert line.startswith(f"{answer.question.value} [")
-        assert "simulated" in line
-
-
-def test_numbers_of_the_summary_are_those_of_the_tables(bundled):
-    answers = {a.question: a.text for a in summarised(bundled.sections) if a.about in ("", "4 states")}
-    tables = {t.key: t.frame for s in bundled.sections for t in s.tables}
-    criteria = tables["criteria"].set_index("states")
-    lead = criteria["bic"].sort_values()
-    told = f"BIC is lowest at {lead.index[0]} states, by {lead.iloc[1] - lead.iloc[0]:.1f}"
-    assert told in answers[Question.STATES]
-    odds = tables["regression-odds"].set_index("term")
-    for term, row in odds.iterrows():
-        difference = 100 * (row["with"] - row["without"])
-        assert f"{difference:+.1f} with '{term.replace('_', ' ')}' (95% interval" in answers[Question.EFFECT]
-    learned = tables["posterior-4"]["contraction"].dropna()
-    known, prior = int((learned > KNOWN).sum()), int((learned < PARTLY).sum())
-    told = f"Of {len(learned)} entries of the tables {known} are known from the data and {prior} mostly prior"
-    assert told in answers[Question.KNOWN]
-    values = tables["plan-values-4"].set_index("policy")["value"]
-    assert f"worth {values['best plan']:.4g} " in answers[Question.PLAN]
-    differs = int(tables["paper-differs"]["agreement"].str.startswith("differs").sum())
-    assert f"{differs} differ and" in answers[Question.PAPER]
 
 
 def test_the_first_pages_of_the_pdf_begin_with_the_summary():

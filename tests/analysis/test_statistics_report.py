@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis import evidence, fits
+from analysis import evidence
 from analysis.anova import mixed_anova
 from analysis.datasets import load
 from analysis.design import published
@@ -24,14 +24,6 @@ from models.protocol import PUBLISHED
 from tests.analysis.report_cases import CORRIDOR, data_set, log_of, random_log
 
 KEYS = ("anova", "power")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        yield
 
 
 def report_of(dataset, out, keys=KEYS):

@@ -7,7 +7,6 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from analysis import fits
 from analysis.causal import causal_effects
 from analysis.figures.chain_ranks import chain_ranks
 from analysis.figures.checks import predictive_checks
@@ -21,7 +20,7 @@ from analysis.report.registry import SECTIONS
 from analysis.uncertainty import KNOWN, PARTLY, contraction, contrasts
 from models.protocol import PUBLISHED
 from tests.analysis.posterior_cases import sampled, study
-from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, random_log
+from tests.analysis.report_cases import CORRIDOR, data_set, random_log
 
 
 def by_state(ax=None):
@@ -96,15 +95,6 @@ def test_figures_say_what_matters():
 ENTRY = [entry for entry in SECTIONS if entry.key == "uncertainty"]
 
 
-@pytest.fixture(scope="module")
-def own_store(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fits, "store_folder", lambda: folder)
-        little_effort(patch)
-        yield folder
-
-
 def build(log, out, kind, states):
     return build_report(
         data_set(log, kind=kind), states=states, quick=True, out=out, sections=ENTRY, date="2026-01-31"
@@ -112,7 +102,7 @@ def build(log, out, kind, states):
 
 
 @pytest.fixture(scope="module")
-def built(own_store, tmp_path_factory):
+def built(short_reports, tmp_path_factory):
     return build(study(), tmp_path_factory.mktemp("report"), "simulated", (2,))
 
 
@@ -139,15 +129,15 @@ def test_a_shut_gate_is_a_banner(built):
     assert "quick report with few draws" in page
 
 
-def test_fits_are_found_again(built, own_store, tmp_path):
-    kept = {p: p.stat().st_mtime_ns for p in own_store.glob("*.nc")}
+def test_fits_are_found_again(built, store_of_this_file, tmp_path):
+    kept = {p: p.stat().st_mtime_ns for p in store_of_this_file.glob("*.nc")}
     assert len(kept) == 3  # kappa 2, 0, 5
     again = build(study(), tmp_path, "simulated", (2,))
-    assert {p: p.stat().st_mtime_ns for p in own_store.glob("*.nc")} == kept
+    assert {p: p.stat().st_mtime_ns for p in store_of_this_file.glob("*.nc")} == kept
     assert again.html.read_bytes() == built.html.read_bytes()
 
 
-def test_other_protocols_real_people_and_one_state(own_store, tmp_path):
+def test_other_protocols_real_people_and_one_state(short_reports, tmp_path):
     section, _ = build(random_log(CORRIDOR, people=40, rounds=5), tmp_path, "real", (1,)).sections
     text = " ".join(section.sentences)
     assert "At one state no transition table is learned." in text

@@ -4,6 +4,9 @@
 ``.ipynb`` is made from the script, executed from the checkout's root by this interpreter, and stored with its
 output. Its first code cell is tagged ``parameters`` and holds ``FAST = False``; a fast run overrides that in a cell
 of its own behind it and stores nothing. Any error, warning or other output to stderr fails the run.
+
+The packages that read and run notebooks are imported where they are used: what they import builds grammars, which
+takes longer than everything else that a process needs to list the scripts.
 """
 
 from __future__ import annotations
@@ -17,18 +20,17 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jupytext
-import nbformat
 from jupyter_client.kernelspec import KernelSpec
 from jupyter_client.manager import AsyncKernelManager
-from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
-from nbformat import NotebookNode
 
 from models.errors import InputError, located
 from models.model_files import write_text
+
+if TYPE_CHECKING:
+    from nbclient import NotebookClient
+    from nbformat import NotebookNode
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "notebooks"
@@ -82,6 +84,9 @@ def read_script(path: Path) -> NotebookNode:
     NotebookError
         If the first code cell is not tagged ``parameters``.
     """
+    import jupytext
+    import nbformat
+
     notebook = nbformat.from_dict(jupytext.read(path, fmt="py:percent"))
     notebook.metadata = nbformat.from_dict(_METADATA)
     notebook.nbformat, notebook.nbformat_minor = 4, 5
@@ -102,6 +107,8 @@ def tags_of(cell: NotebookNode) -> list[str]:
 
 def with_parameters(notebook: NotebookNode, values: Mapping[str, object]) -> NotebookNode:
     """Copy with a cell behind the parameters cell that assigns `values` anew."""
+    import nbformat
+
     copy = nbformat.from_dict(notebook)
     place = next(i for i, c in enumerate(copy.cells) if PARAMETERS in tags_of(c))
     text = "\n".join(f"{name} = {value!r}" for name, value in values.items())
@@ -129,6 +136,10 @@ def execute(notebook: NotebookNode, name: str, root: Path = ROOT) -> NotebookNod
         Naming notebook and cell, on an error, on anything written to stderr (where warnings go), or when a cell
         takes longer than `CELL_SECONDS`.
     """
+    import nbformat
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+
     # Profiles and start-up files of whoever runs this must not change what a notebook does.
     with tempfile.TemporaryDirectory() as own:
         manager = _OwnKernel(connection_file=str(Path(own) / "kernel.json"))
@@ -206,6 +217,8 @@ def run(path: Path, *, fast: bool = False, root: Path = ROOT) -> None:
     NotebookError
         As `execute`; also, after storing nothing, if data that the notebook shows could not be had.
     """
+    import nbformat
+
     notebook = read_script(path)
     name = path.with_suffix(".ipynb").name
     done = execute(with_parameters(notebook, FAST) if fast else notebook, name, root)
@@ -235,6 +248,8 @@ def check(path: Path) -> None:
     NotebookError
         On the first difference, naming the cell.
     """
+    import nbformat
+
     stored_path = path.with_suffix(".ipynb")
     name, again = stored_path.name, "run `make notebooks`"
     if not stored_path.exists():

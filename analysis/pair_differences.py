@@ -67,8 +67,9 @@ def cross_prediction(a: Side, b: Side, states: int) -> pd.DataFrame:
     -------
     DataFrame
         ``people`` (whose), ``model`` (of which side), ``per_response`` (log score a response), ``loss`` (what the
-        other side's model loses a response against the own one), with ``low, high`` (95%, over people). The own
-        model has seen its people, so a small loss is expected even where nothing differs.
+        other side's model loses a response against the own one), with ``low, high`` (95%, over people), and
+        ``no_chance`` (people whose responses the model holds impossible; the loss is infinite if there are any, and
+        has no interval). The own model has seen its people, so a small loss is expected even where nothing differs.
 
     Raises
     ------
@@ -83,13 +84,15 @@ def cross_prediction(a: Side, b: Side, states: int) -> pd.DataFrame:
         scores = {s.label: run_log_likelihoods(s.estimates[states], log) for s in (whose, other)}
         _, person = np.unique(log.participant, return_inverse=True)
         lost = np.bincount(person, scores[whose.label] - scores[other.label])
-        half = 1.96 * lost.std(ddof=1) * np.sqrt(len(lost)) if len(lost) > 1 else np.nan
+        known = len(lost) > 1 and bool(np.isfinite(lost).all())
+        half = 1.96 * lost.std(ddof=1) * np.sqrt(len(lost)) if known else np.nan
         for side in (whose, other):
             own = side is whose
             rows.append({
                 "people": whose.label, "model": side.label, "per_response": scores[side.label].sum() / n,
                 "loss": 0.0 if own else lost.sum() / n, "low": np.nan if own else (lost.sum() - half) / n,
                 "high": np.nan if own else (lost.sum() + half) / n,
+                "no_chance": len(np.unique(person[np.isneginf(scores[side.label])])),
             })  # fmt: skip
     return pd.DataFrame(rows)
 

@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -35,6 +36,14 @@ ABSENT = "not installed"
 SECONDS = ("cpu_seconds", "sampling_seconds", "compile_seconds")
 SEALED = ("protocol", "gate", "settings", "emission_weights", *SECONDS)
 """Attributes the digest covers: all but the versions and the provenance, which determine no number."""
+
+OF_THE_FORMAT = frozenset((
+    "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid",
+))  # fmt: skip
+"""Attributes by which netCDF tells the dimensions of an array."""
+
+NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+"""How the name of an array begins that is there only for the length of a dimension."""
 
 
 def versions() -> dict[str, str]:
@@ -126,8 +135,7 @@ def read_posterior(path: str | Path) -> Posterior:
         raise InputError(f"{path}: no such fit")
     try:
         check_hdf5(path)
-        with xr.open_datatree(path, engine="h5netcdf") as stored:
-            data = stored.load()
+        data = _stored(path)
     except InputError:
         raise
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, RuntimeError) as error:
@@ -163,6 +171,10 @@ def read_posterior(path: str | Path) -> Posterior:
         raise InputError(f"{path}: damaged, a group is missing ({_short(error)})") from None
     if missing or found != digest:
         raise InputError(f"{path}: damaged or changed: its content does not match its digest")
+    for group, node in data.children.items():
+        for name, values in node.data_vars.items():
+            if values.dtype.kind not in "biuf":  # a digest that fits does not make numbers of text
+                raise located(f"{path}: damaged: {group}, {name}", str(values.dtype), "numbers")
     if states != held:
         raise located(f"{path}: damaged: attribute settings, states", states, f"{held}, as many as its tables have")
     own = versions()
@@ -171,6 +183,44 @@ def read_posterior(path: str | Path) -> Posterior:
         warnings.warn(f"{path} was made with other versions: {', '.join(other)}", stacklevel=2)
     settings = {**settings, "provenance": provenance}
     return Posterior(data, protocol, gate, settings, weights, *seconds)
+
+
+def _stored(path: Path) -> xr.DataTree:
+    """Every group, in memory; what `xarray.open_datatree` finds, which looks each array up dozens of times."""
+    groups, left = {}, ["/"]
+    with h5py.File(path, "r") as file:
+        while left:
+            name = left.pop(0)
+            variables = {}
+            for own, found in file[name].items():
+                if isinstance(found, h5py.Group):
+                    left.append(f"{name.rstrip('/')}/{own}")
+                elif not found.attrs.get("NAME", b"").startswith(NO_VARIABLE):
+                    variables[own] = _variable(own, found)
+            groups[name] = xr.decode_cf(xr.Dataset(variables, attrs=_attributes(file[name])))
+    return xr.DataTree.from_dict(groups).load()
+
+
+def _variable(name: str, found: h5py.Dataset) -> xr.Variable:
+    """An array with its dimensions, which are named after the scales of its axes."""
+    if "DIMENSION_LIST" in found.attrs:
+        scales = [h5py.h5r.get_name(axis[0], found.id).decode() for axis in found.attrs["DIMENSION_LIST"]]
+        dims = [scale.rsplit("/", 1)[-1] for scale in scales]
+    else:
+        dims = [name] if "CLASS" in found.attrs else []
+    if h5py.check_string_dtype(found.dtype):
+        return xr.Variable(dims, found.asstr()[()], _attributes(found), {"dtype": str})
+    return xr.Variable(dims, found[()], _attributes(found))
+
+
+def _attributes(found: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """Attributes without those of the format; numbers are kept as arrays of one."""
+    out = {}
+    for name, value in found.attrs.items():
+        if name not in OF_THE_FORMAT:
+            value = value.decode() if isinstance(value, bytes) else value
+            out[name] = value[0] if isinstance(value, np.ndarray) and value.shape == (1,) else value
+    return out
 
 
 def _gate(text: Any) -> Gate:

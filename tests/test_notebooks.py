@@ -2,8 +2,9 @@
 
 import ast
 import re
+import subprocess
+import sys
 
-import nbformat
 import pytest
 
 from analysis import notebooks
@@ -18,6 +19,8 @@ NAMES = [path.stem for path in SCRIPTS]
 
 
 def stored(script):
+    import nbformat
+
     return nbformat.read(script.with_suffix(".ipynb"), as_version=4)
 
 
@@ -253,6 +256,8 @@ def test_a_run_without_its_data_is_not_stored(tmp_path):
 
 def executed(path):
     """Store a notebook as if it had been run."""
+    import nbformat
+
     notebook = notebooks.read_script(path)
     for i, cell in enumerate((c for c in notebook.cells if c.cell_type == "code"), start=1):
         cell.execution_count = i
@@ -271,6 +276,8 @@ def executed(path):
     ],
 )
 def test_check_names_what_is_out_of_date(tmp_path, change, wanted):
+    import nbformat
+
     path = script_with(tmp_path, "1")
     with pytest.raises(notebooks.NotebookError, match="is not there"):
         notebooks.check(path)
@@ -309,3 +316,10 @@ def test_an_unknown_name_lists_the_known_ones(capsys):
     assert notebooks.main(["99_nothing", "--check"]) == 2
     assert NAMES[0] in capsys.readouterr().err
     assert [p.stem for p in notebooks.scripts(["01"])] == NAMES[:1]
+
+
+def test_listing_the_scripts_builds_no_grammars():
+    code = "import sys, analysis.notebooks as n; n.scripts(); print({'jupytext', 'nbformat'} & {*sys.modules})"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=notebooks.ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr) == ("set()", "")

@@ -55,9 +55,8 @@ def prediction(comparison: Comparison) -> tuple[Block, ...]:
     if any(s.log is None for s in comparison.sides):
         raise NotSupported("a fit has nobody to predict")
     frames = [cross_prediction(*comparison.sides, k).assign(states=k) for k in comparison.states]
-    frame = pd.concat(frames, ignore_index=True)[
-        ["states", "people", "model", "per_response", "loss", "low", "high"]
-    ]
+    found = pd.concat(frames, ignore_index=True)
+    frame = found[["states", "people", "model", "per_response", "loss", "low", "high"]]
     headings = {"people": "people of", "model": "model of", "per_response": "log score a response",
                 "loss": "loss a response"}  # fmt: skip
     formats = dict.fromkeys(("per_response", "loss", "low", "high"), ".4f") | {"states": "d"}
@@ -71,8 +70,18 @@ def prediction(comparison: Comparison) -> tuple[Block, ...]:
         "difference. That is for the section One model for both?", "warning",
     )  # fmt: skip
     doubts = [text for k in comparison.states for text in comparison.doubts(k)]
+    people = {s.label: s.log.n_participants for s in comparison.sides if s.log is not None}
+    impossible = [
+        Text(
+            f"Under the model of {row.model} with {counted(int(row.states), 'state')}, what {row.no_chance:,} of "
+            f"the {counted(people[row.people], 'person', 'people')} of {row.people} did has no chance at all: its "
+            "loss there is infinite, and has no interval."
+        )
+        for row in found[found["no_chance"] > 0].itertuples()
+    ]  # fmt: skip
     return (
         *doubts,
         warning,
+        *impossible,
         Table("cross-prediction", frame, caption, comparison.origins, headings, formats, row_headings=3),
     )

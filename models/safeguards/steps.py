@@ -85,7 +85,8 @@ class Steps(NotebookView):
         """How far it goes, and what half of the influence costs."""
         lost = self.values[0] - self.values
         half = np.flatnonzero(self.influences <= 0.5 * self.influences[0])
-        text = f"{self.policy} under the safeguard {self.safeguard}: {len(self.levels)} different settings"
+        settings = "1 setting" if len(self.levels) == 1 else f"{len(self.levels)} different settings"
+        text = f"{self.policy} under the safeguard {self.safeguard}: {settings}"
         if self.influences[0] > 0 and half.size:
             i = int(half[0])
             text += (

@@ -19,7 +19,7 @@ from analysis.report import compared_people, compared_plans, compared_sides
 from analysis.report.compare import compare_report
 from analysis.report.compared_context import Comparison
 from analysis.report.effort import Effort
-from analysis.report.section import NotSupported
+from analysis.report.section import NotSupported, Text
 from analysis.side_by_side import Side, shared_states
 from models.baum_welch import BaumWelch
 from models.errors import InputError
@@ -134,6 +134,28 @@ def test_losses_of_prediction_are_differences_of_scores(sides):
     assert table.loc[("A", "B"), "per_response"] == pytest.approx(other.sum() / n)
     half = 1.96 * (own - other).std(ddof=1) * np.sqrt(len(own)) / n  # one run a person
     assert table.loc[("A", "B"), "high"] - table.loc[("A", "B"), "loss"] == pytest.approx(half)
+
+
+def test_a_model_that_gives_people_no_chance_loses_infinitely_and_it_is_said(sides):
+    a, b = sides
+    never = LatentStatePOMDP([0.5, 0.5], np.full((4, 2, 2), 0.5), np.tile([1.0, 0.0], (2, 2, 1)))  # nobody helps
+    seen = a.log.to_frame()
+    helpers = seen[seen["observation"] == "help"]["participant"].nunique()
+    assert 1 < helpers < a.log.n_participants
+    b = replace(b, estimates={2: never})
+    table = cross_prediction(a, b, 2).set_index(["people", "model"])
+    assert table.loc[("A", "B"), "per_response"] == -np.inf
+    assert table.loc[("A", "B"), "loss"] == np.inf
+    assert table.loc[("A", "B"), ["low", "high"]].isna().all()
+    assert table.loc[("A", "B"), "no_chance"] == helpers
+    assert table.loc[("A", "A"), "no_chance"] == 0
+    blocks = compared_people.prediction(Comparison((a, b), (2,), Effort.of(True), 1, None, None))
+    told = [b.text for b in blocks if isinstance(b, Text) and "no chance" in b.text]
+    assert told[0] == (
+        f"Under the model of B with 2 states, what {helpers} of the 30 people of A did has no chance at all: its "
+        "loss there is infinite, and has no interval."
+    )
+    assert not any("nan" in text for text in told)
 
 
 def test_pooled_people_stay_apart(sides):

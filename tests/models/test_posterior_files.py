@@ -61,6 +61,51 @@ def test_round_trip_keeps_every_bit(small, stored):
     assert back.summary().equals(small.summary())
 
 
+def test_what_is_read_is_what_xarray_reads(stored):
+    """Every array with its name, dimensions, order, type and labels; every attribute."""
+    back = read_posterior(stored).data
+    with xr.open_datatree(stored, engine="h5netcdf") as opened:
+        data = opened.load()
+    assert back.identical(data)
+    assert list(back.children) == list(data.children)
+    kinds = set()
+    for group in data.children:
+        own, other = back[group].to_dataset(), data[group].to_dataset()
+        assert list(own.variables) == list(other.variables)
+        assert list(own.indexes) == list(other.indexes)
+        assert list(own.sizes.items()) == list(other.sizes.items())
+        for name, variable in other.variables.items():
+            kinds.add(variable.dtype.kind)
+            assert own[name].dtype == variable.dtype
+            assert own[name].to_numpy().tobytes() == variable.to_numpy().tobytes()
+    assert kinds >= set("fiubU")
+    assert {k: type(v) for k, v in back.attrs.items()} == {k: type(v) for k, v in data.attrs.items()}
+
+
+def test_dimensions_without_labels_and_encoded_numbers_are_read_as_xarray_does(tmp_path):
+    data = xr.Dataset(
+        {"x": (("i", "j"), [[1.0, np.nan], [2.0, 3.0]], {"of": "x", "two": [1, 2]}), "n": ((), 7)},
+        coords={"c": ("i", ["é", ""]), "t": ("j", np.array(["2026-01-31", "2026-02-01"], "datetime64[ns]"))},
+    )
+    tree = xr.DataTree.from_dict(
+        {"/": xr.Dataset(attrs={"a": 1.5}), "/g": data, "/g/h": xr.Dataset({"y": ("k", [1])})}
+    )
+    packed = {"dtype": "int16", "scale_factor": 0.5, "_FillValue": -1}
+    tree.to_netcdf(path := tmp_path / "own.nc", engine="h5netcdf", encoding={"/g": {"x": packed}})
+    with xr.open_datatree(path, engine="h5netcdf") as opened:
+        back = posterior_files._stored(path)
+        assert back.identical(opened.load())
+        assert back["g"]["x"].dtype == opened["g"]["x"].dtype
+    assert np.array_equal(back["g"]["x"], data["x"], equal_nan=True)
+
+
+def test_an_array_without_dimensions_is_told(stored):
+    with h5py.File(stored, "r+") as file:
+        file["posterior/plain"] = np.zeros(3)
+    with pytest.raises(InputError, match=r"fit\.nc: not a readable netCDF file"):
+        read_posterior(stored)
+
+
 def test_any_changed_value_is_found(stored):
     with xr.open_datatree(stored, engine="h5netcdf") as opened:
         data = opened.load()
@@ -258,6 +303,17 @@ def test_settings_of_another_number_of_states_are_refused(small, tmp_path):
     without = {k: v for k, v in small.settings.items() if k != "states"}
     write_posterior(replace(small, settings=without), tmp_path / "odd.nc")
     with pytest.raises(InputError, match=r"odd\.nc: damaged: attribute settings lacks 'states'"):
+        read_posterior(tmp_path / "odd.nc")
+
+
+@pytest.mark.parametrize("group", ["posterior", "prior"])
+def test_tables_of_text_are_refused(small, tmp_path, group):
+    """A consistent digest does not make numbers of text."""
+    data = small.data.copy()
+    own = data[group].to_dataset()
+    data[group] = xr.DataTree(own.assign(emission=own["emission"].astype(str)))
+    write_posterior(replace(small, data=data), tmp_path / "odd.nc")
+    with pytest.raises(InputError, match=rf"odd\.nc: damaged: {group}, emission: found '<U\d+', wanted numbers"):
         read_posterior(tmp_path / "odd.nc")
 
 

@@ -48,10 +48,11 @@ def make(context: ReportContext) -> tuple[Block, ...]:
     intro = (
         "The paper asks of a robot that shapes people: bounded costs, the least influence that is needed, "
         "consent, transparency and an audit log. Here the first four are put around policies over "
-        f"{rounds_in_words(context)} and followed through all histories, in every draw of the posterior. Influence "
-        "is how many times a person ends up in another state than if left alone: the total variation between the "
-        "two, added up over the rounds. What an action is worth goes on with the policy that it is taken by, in "
-        "each draw."
+        f"{rounds_in_words(context)} and followed through all histories, in up to "
+        f"{QUICK_DRAWS if context.effort.quick else DRAWS} evenly spaced draws of the posterior. Influence is how "
+        "many times a person ends up in another state than if left alone: the total variation between the two, "
+        "added up over the rounds. What an action is worth goes on with the policy that it is taken by, in each "
+        "draw."
     )
     shown = planned_states(context)
     parts = []

@@ -64,7 +64,7 @@ study.table.round(3)
 
 # %%
 wb.show(
-    wb.curves(wb.state_paths(study), xlabel="event", ylabel="expected state, 0 to 3"), "truth",
+    wb.curves(wb.state_paths(study), xlabel="events so far", ylabel="expected state, 0 to 3"), "truth",
     "The expected state under each policy before each event, and after the last.",
 )  # fmt: skip
 

@@ -137,7 +137,12 @@ def held_out_by_round(
     ax.set(xlabel="round k", ylabel=measure, title=title)
     margin = 0.04 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - margin, limits[1] + margin)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+    rounds = seen["at"].astype(int)
+    if len(set(rounds)) == 1:  # a locator would put its ticks at fractions of a round
+        ax.set_xticks([int(rounds.iloc[0])])
+        ax.set_xlim(rounds.iloc[0] - 0.5, rounds.iloc[0] + 0.5)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
     ax.grid(axis="y")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.19), fontsize=7, ncols=2, handlelength=2.4)
     return ax

@@ -144,14 +144,22 @@ class ReportContext:
         return self.protocol == PUBLISHED
 
     @property
-    def is_published_design(self) -> bool:
-        """Whether people and conditions are those of the paper's study 1, so that its numbers can stand beside."""
+    def is_published_schedule(self) -> bool:
+        """Whether people of the paper's conditions went through its orders of rounds, however many they are.
+
+        What was simulated for that design then tells of this one.
+        """
         printed = self.published["study1"]
         return (
             self.is_published_protocol
-            and self.log.n_participants == printed["participants"]
             and set(self.log.conditions) == set(printed["conditions"])
+            and set(self.log.schedules()) <= set(printed["sequences"])
         )
+
+    @property
+    def is_published_design(self) -> bool:
+        """Whether there are as many people as in the paper's study 1 too, so that its numbers can stand beside."""
+        return self.is_published_schedule and self.log.n_participants == self.published["study1"]["participants"]
 
     @property
     def shown_states(self) -> tuple[int, ...]:

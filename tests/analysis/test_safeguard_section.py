@@ -5,9 +5,10 @@ import pytest
 from analysis import datasets
 from analysis.report.build import build_report
 from analysis.report.registry import Entry
-from analysis.report.section import Points
+from analysis.report.section import Omitted, Points
 from analysis.report.sections import safeguards
 from analysis.simulate import simulate_study1
+from models.reward import Reward
 from tests.analysis.report_cases import CORRIDOR, data_set, little_effort, random_log
 
 ONLY = [Entry("safeguards", "What safeguards change", safeguards.make)]
@@ -49,6 +50,17 @@ def test_table(bundled):
     assert (frame["influence_low"] <= frame["influence_high"]).all()
     assert frame.loc[0, "policy"] == "Bayes-adaptive plan"
     assert (frame["influence"] >= 0).all()
+
+
+def test_a_plan_that_never_acts_gives_no_empty_frames(tmp_path):
+    hardly = Reward.of_values([0.0, 0.01], {"help": 15.0, "signal": 5.0})
+    made = build_report(
+        data_set(simulate_study1(participants=40), kind="simulated"), states=(2,), quick=True, out=tmp_path,
+        sections=ONLY, date="2026-01-31", reward=hardly,
+    ).sections[0]  # fmt: skip
+    assert [f.key for f in made.figures] == ["safeguards-cost-2"]
+    left = next(block for block in made.flat() if isinstance(block, Omitted))
+    assert "leaves people as they would be if left alone" in left.reason
 
 
 def test_one_state_and_other_protocols_are_left_out(tmp_path):

@@ -15,6 +15,7 @@ from analysis.posthoc import Comparisons, PersonValues, dunnett, tukey
 from analysis.printed_anova import REFERENCE, anova_consistency, printed_anova, printed_tukey
 from analysis.report.context import ReportContext
 from analysis.report.section import Block, Figure, NotSupported, Origin, Part, Points, Table, Text, attempt
+from analysis.wording import counted
 from models.errors import InputError
 
 CAUTIONS = (
@@ -98,6 +99,9 @@ def _own(context: ReportContext) -> tuple[Block, ...]:
     )
     blocks: list[Block] = [Text(intro), Text(result.sentence), _anova_table(context, result)]
     blocks += [Text(note, "note") for note in result.notes]
+    silent = context.log.n_participants - len(data.people) - len(data.left_out)
+    if silent:
+        blocks.append(Text(f"Left out too: {counted(silent, 'person', 'people')} without any response.", "note"))
     if twin is not None:
         blocks.append(
             Table(

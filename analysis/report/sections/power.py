@@ -48,7 +48,7 @@ def make(context: ReportContext) -> tuple[Block, ...]:
 
 def _simulated(context: ReportContext) -> tuple[Block, ...]:
     """Stored evidence, for studies of the design it was made for."""
-    if set(context.log.conditions) != set(context.published["study1"]["conditions"]):
+    if not context.is_published_schedule:
         raise NotSupported("they were simulated for the published design, and this study has another")
     return (
         Part(

@@ -19,7 +19,18 @@ from analysis.report.own_reward import (
     unseen_or_left_out,
     want_reward,
 )
-from analysis.report.section import Block, Figure, NotSupported, Part, Points, Table, Text, attempt, with_something
+from analysis.report.section import (
+    Block,
+    Figure,
+    NotSupported,
+    Omitted,
+    Part,
+    Points,
+    Table,
+    Text,
+    attempt,
+    with_something,
+)
 from analysis.safeguard_study import (
     BUDGET,
     CONFIDENCE,
@@ -83,8 +94,13 @@ def _model(context: ReportContext, k: int) -> tuple[Block, ...]:
         blocks.append(Text(f"Left out: {names}. The data hold no evidence on what it does to people.", "warning"))
     blocks.append(Text(_settings(study)))
     blocks.append(Points(tuple(spoken(s) for s in study.sentences), "What they do"))
-    blocks += [_table(context, study, k), _curve(context, study, k), _stricter(context, study, k)]
-    blocks += [_who(context, study, k), _decisions(study)]
+    blocks += [_table(context, study, k), _curve(context, study, k)]
+    if study.report.most_influenced(study.best)["influence"] > 0:
+        blocks += [_stricter(context, study, k), _who(context, study, k)]
+    else:
+        reason = f"the {study.best} leaves people as they would be if left alone, so there is nothing to limit"
+        blocks.append(Omitted("Stricter safeguards, and who is influenced", reason))
+    blocks.append(_decisions(study))
     return told_above(blocks, study.cautions)
 
 

@@ -151,7 +151,7 @@ class PriceList(NotebookView):
             worth += f", {told}" if same == NEVER else f", {told}; {gain}"
         else:
             worth += f"; {gain}"
-        losses = ", ".join(f"{n} {lost[n]:.2g}" for n in named)
+        losses = ", ".join(f"{n} {lost[n]:{'.2g' if lost[n] < 99.5 else ',.0f'}}" for n in named)
         return f"{worth}." + (f" Lost by {losses}." if losses else "")
 
 

@@ -16,6 +16,7 @@ from analysis.design import published
 from analysis.evidence import Evidence, read_evidence, record
 from analysis.recovery import recover
 from analysis.recovery_study import RecoverySettings, run_study
+from analysis.report.context import ReportContext
 from analysis.report.section import NotSupported, Omitted, Origin, Section
 from analysis.report.sections import evidence as section
 from analysis.simulate import calibrated_truth, simulate_study1
@@ -56,8 +57,12 @@ def results(tmp_path_factory):
     return folder
 
 
+class Context(SimpleNamespace):
+    is_published_schedule = ReportContext.is_published_schedule
+
+
 def context_of(log):
-    return SimpleNamespace(
+    return Context(
         log=log, protocol=log.protocol, is_published_protocol=log.protocol == PUBLISHED, published=published()
     )
 

@@ -16,6 +16,7 @@ from analysis.power_formulas import FTestDesign, power
 from analysis.power_printed import printed_sizes
 from analysis.printed_anova import anova_consistency, printed_anova, printed_tukey
 from analysis.report.build import build_report
+from analysis.report.context import ReportContext
 from analysis.report.registry import SECTIONS
 from analysis.report.section import NotSupported, Omitted, Origin, Section
 from analysis.report.sections import regression_coverage
@@ -167,6 +168,8 @@ def test_evidence_that_is_absent_or_stale_is_said(tmp_path, monkeypatch):
 
 # -- coverage, in the regression's section -------------------------------------------------------------
 class Context:
+    is_published_schedule = ReportContext.is_published_schedule
+
     def __init__(self, log):
         self.log, self.published = log, published()
         self.is_published_protocol = log.protocol == PUBLISHED
